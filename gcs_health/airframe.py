@@ -1,0 +1,69 @@
+"""Where each rotor sits, which way it spins, and what one healthy rotor does to the vehicle."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+
+class AirframeSource(StrEnum):
+    """Where the geometry came from, best first."""
+
+    FILE = "file"  # --vehicle
+    PARAMETERS = "parameters"  # PARAM_VALUE in the stream
+    ASSUMED = "assumed"  # rotor count and MAV_TYPE: a guess, said so
+
+
+@dataclass(frozen=True, slots=True)
+class Rotor:
+    """One rotor.
+
+    Attributes
+    ----------
+    motor : the autopilot's number, from 1.
+    esc : index in ESC telemetry, from 0.
+    position : forward, right, down of the centre of mass [m], or in any one scale where the airframe
+        says `metric` is False.
+    spin : +1 counter-clockwise seen from above (its reaction yaws the body nose-right, about +z),
+        -1 clockwise, 0 unknown.
+    radius : propeller radius [m], None if unknown.
+    """
+
+    motor: int
+    esc: int
+    position: tuple[float, float, float]
+    spin: Literal[-1, 0, 1]
+    radius: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Effectiveness:
+    """What one healthy rotor's squared speed does, SI; None = identify it in flight.
+
+    Attributes
+    ----------
+    roll, pitch, yaw : angular acceleration per squared speed [(rad/s²)/(rad/s)²] of a rotor at the
+        airframe's largest lateral (roll) or longitudinal (pitch) arm; magnitudes, signs come from
+        the geometry.
+    yaw_inertia : yaw acceleration per rotor acceleration, I_r/I_z [-].
+    thrust : specific force per squared speed [(m/s²)/(rad/s)²].
+    """
+
+    roll: float | None = None
+    pitch: float | None = None
+    yaw: float | None = None
+    yaw_inertia: float | None = None
+    thrust: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Airframe:
+    """A multirotor as the estimators need it; rotors in order of `motor`."""
+
+    name: str
+    rotors: tuple[Rotor, ...]
+    source: AirframeSource
+    metric: bool = True
+    mass: float | None = None  # [kg]
+    inertia: tuple[float, float, float] | None = None  # [kg m²] about x, y, z
+    effectiveness: Effectiveness = Effectiveness()
+    warnings: tuple[str, ...] = ()

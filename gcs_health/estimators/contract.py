@@ -1,0 +1,120 @@
+"""What every estimator promises, and the words it answers in.
+
+An estimator is fed readings in arrival order and asked for estimates at any data time. It does no
+I/O, reads no clock, holds plain values only (so that it pickles), and never raises on what it is fed.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from gcs_health.samples import Reading
+
+
+class Status(StrEnum):
+    """How far a value can be trusted."""
+
+    UNOBSERVABLE = "unobservable"
+    CONVERGING = "converging"
+    VALID = "valid"
+    DIVERGED = "diverged"
+
+
+class Quantity(StrEnum):
+    """What an estimate is of."""
+
+    EFFECTIVENESS = "effectiveness"  # [-], 1 healthy, 0 lost
+    UNBALANCE = "unbalance"  # [kg m]
+    DRAG = "drag"  # [-], 1 healthy
+    DEGRADATION = "degradation"  # [-], 0 healthy
+
+
+class Reason(StrEnum):
+    """Why a value is not (yet) valid. `REASON_TEXT` has the sentence for the operator."""
+
+    NO_IMU = "no_imu"
+    NO_ROTOR_SPEEDS = "no_rotor_speeds"
+    ROTOR_NOT_REPORTED = "rotor_not_reported"
+    ROTOR_SPEED_STALE = "rotor_speed_stale"
+    IMU_STALE = "imu_stale"
+    RATE_TOO_LOW = "rate_too_low"
+    AIRFRAME_UNKNOWN = "airframe_unknown"
+    GEOMETRY_CONTRADICTED = "geometry_contradicted"
+    ON_GROUND = "on_ground"
+    ROTORS_BELOW_HOVER = "rotors_below_hover"
+    CONTACT = "contact"
+    SETTLING = "settling"
+    EFFECTIVENESS_UNKNOWN = "effectiveness_unknown"
+    MOTOR_STOPPED = "motor_stopped"
+    ANOTHER_ROTOR_FAILED = "another_rotor_failed"
+    LITTLE_EXCITATION = "little_excitation"
+
+
+REASON_TEXT: dict[Reason, str] = {
+    Reason.NO_IMU: "no accelerations and rates in the stream",
+    Reason.NO_ROTOR_SPEEDS: "no rotor speeds in the stream",
+    Reason.ROTOR_NOT_REPORTED: "this rotor's ESC has never reported",
+    Reason.ROTOR_SPEED_STALE: "the last rotor speed is too old",
+    Reason.IMU_STALE: "the last accelerations and rates are too old",
+    Reason.RATE_TOO_LOW: "the message rate is too low to see a fault in time",
+    Reason.AIRFRAME_UNKNOWN: "where the rotors sit is not known",
+    Reason.GEOMETRY_CONTRADICTED: "the rotors do not answer as the geometry says",
+    Reason.ON_GROUND: "on the ground",
+    Reason.ROTORS_BELOW_HOVER: "the rotors turn below hover speed",
+    Reason.CONTACT: "something pushed the vehicle: ground, hand or obstacle",
+    Reason.SETTLING: "the residuals' baseline is still settling",
+    Reason.EFFECTIVENESS_UNKNOWN: "the control effectiveness is not yet identified",
+    Reason.MOTOR_STOPPED: "the motor stands still: its effectiveness cannot be seen",
+    Reason.ANOTHER_ROTOR_FAILED: "another rotor has failed: single faults only",
+    Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One quantity of one rotor at one time.
+
+    Attributes
+    ----------
+    t : vehicle clock [s].
+    estimator : registry name, "effectiveness".
+    rotor : index into the airframe's rotors.
+    quantity : what is estimated; its unit is in `Quantity`.
+    value, std : estimate and standard deviation; NaN where unobservable.
+    failure_probability : that this rotor has failed, 0..1; NaN where unobservable.
+    status, reasons : how far to trust it, and why not further.
+    detectable : smallest fault of this kind [same unit as a change of value] that would be seen now
+        at the stated false alarm rate; NaN where none would be.
+    evidence : named figures behind a decision (log likelihood ratio, speed ratio ...), for the alert.
+    """
+
+    t: float
+    estimator: str
+    rotor: int
+    quantity: Quantity
+    value: float
+    std: float
+    failure_probability: float
+    status: Status
+    reasons: tuple[Reason, ...] = ()
+    detectable: float = float("nan")
+    evidence: tuple[tuple[str, float | str], ...] = ()
+
+
+class Estimator(Protocol):
+    """One published method, online."""
+
+    name: str
+
+    def feed(self, reading: Reading) -> Iterable[Estimate]:
+        """Take one reading; return estimates only where a decision about a rotor changed with it."""
+        ...
+
+    def estimates(self, t: float) -> list[Estimate]:
+        """Return the present state, one estimate per rotor and quantity, at vehicle time `t` [s]."""
+        ...
+
+    def reset(self) -> None:
+        """Forget all that was learned in flight; equal to a new instance."""
+        ...
