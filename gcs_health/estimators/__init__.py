@@ -1,0 +1,28 @@
+"""Estimators: samples in, estimates out; one published method each, independent of one another.
+
+`REGISTRY` names them without importing any; `load` imports one.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gcs_health.airframe import Airframe
+    from gcs_health.estimators.contract import Estimator
+
+REGISTRY: dict[str, tuple[str, str]] = {
+    "effectiveness": ("gcs_health.estimators.effectiveness", "EffectivenessEstimator"),
+}
+
+
+def load(name: str, airframe: "Airframe") -> "Estimator":
+    """Return a new estimator by its registry name, with its default configuration.
+
+    Raises
+    ------
+    KeyError : no such estimator.
+    AirframeError : it cannot work on this airframe.
+    """
+    module, attribute = REGISTRY[name]
+    made: Estimator = getattr(import_module(module), attribute)(airframe)
+    return made

@@ -36,6 +36,7 @@ class Reason(StrEnum):
     NO_IMU = "no_imu"
     NO_ROTOR_SPEEDS = "no_rotor_speeds"
     ROTOR_NOT_REPORTED = "rotor_not_reported"
+    ROTOR_SPEEDS_INCOMPLETE = "rotor_speeds_incomplete"
     ROTOR_SPEED_STALE = "rotor_speed_stale"
     IMU_STALE = "imu_stale"
     RATE_TOO_LOW = "rate_too_low"
@@ -55,6 +56,7 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.NO_IMU: "no accelerations and rates in the stream",
     Reason.NO_ROTOR_SPEEDS: "no rotor speeds in the stream",
     Reason.ROTOR_NOT_REPORTED: "this rotor's ESC has never reported",
+    Reason.ROTOR_SPEEDS_INCOMPLETE: "another rotor's ESC has never reported: the motion cannot be predicted",
     Reason.ROTOR_SPEED_STALE: "the last rotor speed is too old",
     Reason.IMU_STALE: "the last accelerations and rates are too old",
     Reason.RATE_TOO_LOW: "the message rate is too low to see a fault in time",

@@ -1,0 +1,258 @@
+"""What one healthy rotor does to the vehicle: from the vehicle file, or learned in flight.
+
+    l_i = -y_i / max|y|,  m_i = x_i / max|x|     signed, normalised arms
+    G_p, G_q, G_r   angular acceleration per squared speed      (roll, pitch, yaw)
+    I_r/I_z         yaw acceleration per rotor acceleration
+    G_az            specific force per squared speed            (thrust)
+
+*Thrust* is learned on the level: hover alone suffices. Ground and hand add upward force, so the ratio
+-a_z / sum u only ever errs high before take-off: it is believed once a_z also *follows* sum u with the
+same slope, which it does in the air alone, or once the autopilot says that it flies.
+
+*Roll, pitch, yaw* are learned from changes. In closed loop plain regression is biased low and the
+inverse regression high, so their geometric mean is taken, in logarithms, and weighed by their distance
+against the prior: hover alone teaches nothing and changes nothing.
+
+Source: Strack van Schijndel et al. (2023) section III-C; sheet 1 section 6; sheet 5 section 1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_health.airframe import Airframe
+from gcs_health.gate import GRAVITY
+
+
+@dataclass(frozen=True, slots=True)
+class EffectivenessPrior:
+    """What is assumed of a vehicle that nobody has measured.
+
+    A rotor at the largest arm b turns the vehicle in hover with (g / n) / (c b), where c b² is the
+    squared radius of gyration: c = .42 .. .85 over the three quadrotors of sheet 5 section 1.
+    """
+
+    gyration: float = 0.5  # c [-]
+    unscaled: float = 160.0  # rad/s², divided by the rotor count, where positions have no scale
+    spread: float = 0.5  # standard deviation of the logarithm
+    bounds: tuple[float, float] = (0.4, 2.5)
+    memory: float = 20.0  # s, of what is learned
+    high_pass: float = 1.0  # s
+    block: float = 0.02  # s, averaging before the regression
+    least_r2: float = 0.1
+    level_memory: float = 20.0  # s
+    level_settle: float = 1.0  # s
+
+
+class ControlEffectiveness:
+    """The five gains, given or learned. `known` says whether thrust, without which all stops, is."""
+
+    def __init__(self, airframe: Airframe, prior: EffectivenessPrior | None = None) -> None:
+        self.prior = prior or EffectivenessPrior()
+        rotors = airframe.rotors
+        self.rotors = len(rotors)
+        given = airframe.effectiveness
+        reach_x = max(abs(rotor.position[0]) for rotor in rotors)
+        reach_y = max(abs(rotor.position[1]) for rotor in rotors)
+        self.roll_arm = [-rotor.position[1] / reach_y if reach_y > 0.0 else 0.0 for rotor in rotors]
+        self.pitch_arm = [rotor.position[0] / reach_x if reach_x > 0.0 else 0.0 for rotor in rotors]
+        self.spin = [float(rotor.spin) for rotor in rotors]
+        self.thrust_given = given.thrust is not None
+        self.given = (given.roll, given.pitch, given.yaw)
+        self.yaw_inertia = given.yaw_inertia or 0.0
+        self.thrust = given.thrust or 0.0
+        self._in_hover = self._priors(airframe, reach_x, reach_y)
+        self._scale = [1.0, 1.0]  # learned over prior, roll and pitch
+        self._airborne = False
+        self._level = Level(self.prior)
+        self._apply()
+
+    @property
+    def known(self) -> bool:
+        """Whether verdicts can be given: thrust is given or learned."""
+        return self.thrust > 0.0
+
+    @property
+    def has_yaw(self) -> bool:
+        """Whether the yaw row is used: its gain is given and every spin is known."""
+        return bool(self.given[2]) and all(self.spin)
+
+    @property
+    def learns(self) -> bool:
+        """Whether any of roll, pitch or thrust is left to learn."""
+        return not (self.thrust_given and self.given[0] and self.given[1])
+
+    def _priors(self, airframe: Airframe, reach_x: float, reach_y: float) -> tuple[float, float]:
+        """Return roll and pitch acceleration of one rotor in hover [rad/s²]."""
+        out = []
+        for axis, reach in ((0, reach_y), (1, reach_x)):
+            if airframe.metric and reach > 0.0:
+                if airframe.mass and airframe.inertia:
+                    weight = airframe.mass * GRAVITY / self.rotors
+                    out.append(weight * reach / airframe.inertia[axis])
+                else:
+                    out.append(GRAVITY / (self.rotors * self.prior.gyration * reach))
+            else:
+                out.append(self.prior.unscaled / self.rotors)
+        return out[0], out[1]
+
+    def _apply(self) -> None:
+        hover_u = GRAVITY / (self.rotors * self.thrust) if self.thrust > 0.0 else math.inf
+        roll = self.given[0] or self._in_hover[0] * self._scale[0] / hover_u
+        pitch = self.given[1] or self._in_hover[1] * self._scale[1] / hover_u
+        self.roll = [roll * arm for arm in self.roll_arm]
+        self.pitch = [pitch * arm for arm in self.pitch_arm]
+        yaw = self.given[2] if self.has_yaw and self.given[2] else 0.0
+        self.yaw = [yaw * spin for spin in self.spin]
+        inertia = self.yaw_inertia if self.has_yaw else 0.0
+        self.inertia = [inertia * spin for spin in self.spin]
+
+    def set_airborne(self, airborne: bool) -> None:
+        """Take the autopilot's word that the vehicle flies."""
+        self._airborne = airborne
+
+    def learn_thrust(self, dt: float, az: float, squares: float) -> None:
+        """Take one tick of a_z [m/s²] and sum u [(rad/s)²]; any tick, the level sorts them out."""
+        if self.thrust_given:
+            return
+        if self._level.feed(dt, az, squares, self._airborne):
+            self.thrust = self._level.thrust
+            self._apply()
+
+    def learn_moments(self, roll: tuple[float, float], pitch: tuple[float, float]) -> None:
+        """Take (direct, R²) of measured on presently predicted acceleration, roll and pitch."""
+        for axis, (slope, r2) in enumerate((roll, pitch)):
+            if self.given[axis] or r2 < self.prior.least_r2 or slope <= 0.0:
+                continue
+            gap = -0.5 * math.log(min(r2, 0.999))  # half the distance of direct and inverse
+            learned = math.log(slope) + gap + math.log(self._scale[axis])
+            spread = self.prior.spread
+            weight = spread * spread / (spread * spread + gap * gap + 1e-3)
+            low, high = self.prior.bounds
+            self._scale[axis] = min(max(math.exp(weight * learned), low), high)
+        self._apply()
+
+
+class Level:
+    """Thrust per squared speed from the level of a_z, believed once a_z follows the rotors."""
+
+    def __init__(self, prior: EffectivenessPrior) -> None:
+        self.prior = prior
+        self.thrust = 0.0
+        self._time = 0.0
+        self._u = self._a = 0.0  # 0.3 s means
+        self._steady = math.inf  # lowest ratio so far
+        self._sums = [0.0, 0.0]  # a u, u u on the level
+        self._high = [0.0, 0.0, 0.0]  # xx, xy, yy of the high-passed 0.1 s means
+        self._fast = [0.0, 0.0]
+        self._slow = [0.0, 0.0]
+        self._flown = 0.0
+
+    def feed(self, dt: float, az: float, squares: float, airborne: bool) -> bool:
+        """Take one tick; return whether `thrust` moved."""
+        dt = min(dt, 0.1)
+        if squares <= 0.0 or not az < 0.0:
+            return False
+        self._time += dt
+        fast = min(1.0, dt / 0.1)
+        slow = min(1.0, dt / self.prior.high_pass)
+        for k, value in enumerate((squares, -az)):
+            if self._time == dt:
+                self._fast[k] = self._slow[k] = value
+            self._fast[k] += fast * (value - self._fast[k])
+            self._slow[k] += slow * (value - self._slow[k])
+        x = self._fast[0] - self._slow[0]
+        y = self._fast[1] - self._slow[1]
+        keep = math.exp(-dt / self.prior.memory)
+        for k, value in enumerate((x * x, x * y, y * y)):
+            self._high[k] = keep * self._high[k] + value * dt
+        ratio = self._fast[1] / self._fast[0]
+        if self._time < 0.3:
+            return False
+        if ratio < 0.8 * self._steady:
+            # far more lift than thought possible: what was learned before was the ground's
+            self._sums = [0.0, 0.0]
+            self._flown = 0.0
+            self._steady = ratio
+        elif ratio < self._steady:
+            self._steady += min(1.0, dt / 0.3) * (ratio - self._steady)
+        elif ratio < 1.25 * self._steady:
+            self._steady += min(1.0, dt / self.prior.level_memory) * (ratio - self._steady)
+        else:
+            return False  # something pushes up
+        keep = math.exp(-dt / self.prior.level_memory)
+        self._sums[0] = keep * self._sums[0] - az * squares * dt
+        self._sums[1] = keep * self._sums[1] + squares * squares * dt
+        level = self._sums[0] / self._sums[1]
+        if airborne or self._follows(level):
+            self._flown += dt
+        if self._flown < self.prior.level_settle:
+            return False
+        self.thrust = level
+        return True
+
+    def _follows(self, level: float) -> bool:
+        xx, xy, yy = self._high
+        if xx <= 0.0:
+            return False
+        slope = xy / xx
+        return 0.5 * level < slope < 1.6 * level and xy * xy > 0.25 * xx * yy
+
+
+class MomentRegression:
+    """Regression of roll and pitch acceleration on every rotor's squared speed, from changes.
+
+    One matrix serves three questions: how large the gains are (`axis`), and whether the rotors answer
+    where the geometry puts them (`calibration.geometry_check`).
+    """
+
+    def __init__(self, rotors: int, prior: EffectivenessPrior | None = None) -> None:
+        self.prior = prior or EffectivenessPrior()
+        self.rotors = rotors
+        size = rotors + 2
+        self.moments: NDArray[np.float64] = np.zeros((size, size))  # of (u_1 .. u_n, y_p, y_q)
+        self.time = 0.0  # effective time of data [s]
+        self._mean: NDArray[np.float64] | None = None
+        self._sum = [0.0] * size
+        self._length = 0.0
+
+    def gap(self) -> None:
+        """Ticks are missing: no block reaches across."""
+        self._sum = [0.0] * (self.rotors + 2)
+        self._length = 0.0
+
+    def feed(self, dt: float, squares: list[float], roll: float, pitch: float) -> None:
+        """Take one tick: mean squared speeds over it and measured accelerations [rad/s²]."""
+        total = self._sum
+        for i, value in enumerate(squares):
+            total[i] += dt * value
+        total[-2] += dt * roll
+        total[-1] += dt * pitch
+        self._length += dt
+        if self._length < self.prior.block:
+            return
+        length = self._length
+        values = np.array(total) / length
+        self.gap()
+        if self._mean is None:
+            self._mean = values
+            return
+        self._mean += min(1.0, length / self.prior.high_pass) * (values - self._mean)
+        values -= self._mean
+        keep = math.exp(-length / self.prior.memory)
+        self.moments *= keep
+        self.moments += values[:, None] * (values * length)
+        self.time = keep * self.time + length
+
+    def axis(self, row: int, gains: list[float]) -> tuple[float, float]:
+        """Return (slope, R²) of measured on predicted acceleration; row 0 roll, 1 pitch."""
+        n = self.rotors
+        h = np.array(gains)
+        xx = float(h @ self.moments[:n, :n] @ h)
+        xy = float(h @ self.moments[:n, n + row])
+        yy = float(self.moments[n + row, n + row])
+        if xx <= 0.0 or yy <= 0.0:
+            return 0.0, 0.0
+        return xy / xx, xy * xy / (xx * yy)

@@ -1,0 +1,98 @@
+"""Do the rotors answer where the geometry puts them?
+
+    g      coefficient of each rotor's squared speed in roll (or pitch) acceleration, all free
+    cos    cosine of g with the coefficients that the geometry predicts: 1 right, 0 renumbered, -1 mirrored
+    F      how much better g explains than nothing, in units of noise
+
+Hover excites too little to tell, then the answer is None. A lost rotor makes one coefficient vanish,
+which leaves cos above .7; a mirrored or renumbered file brings at least one axis to 0 or below.
+
+Source: this project; thresholds chosen on `bebop2_prop_eject`, `indiflight_*` and `nanodrone_*` at five
+rates: with the right file cos stays above .4 wherever F > 4.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_health.calibration.control_effectiveness import MomentRegression
+
+
+@dataclass(frozen=True, slots=True)
+class GeometryConfig:
+    """When a geometry is called contradicted."""
+
+    least_time: float = 2.0  # s of data
+    strong_f: float = 8.0
+    strong_share: float = 0.3  # R² of the free fit
+    strong_cos: float = 0.25
+    strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
+    weak_f: float = 4.0
+    weak_cos: float = 0.0
+    agree_cos: float = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class AxisFit:
+    """One axis: R² free and as the geometry says, cosine between both, F of the free fit."""
+
+    free: float
+    assumed: float
+    cos: float
+    f: float
+
+
+def fit_axis(regression: MomentRegression, row: int, gains: list[float], block: float) -> AxisFit | None:
+    """Compare the free fit of one axis (0 roll, 1 pitch) with the geometry's; None where undetermined.
+
+    `gains` (n,) are the predicted coefficients [(rad/s²)/(rad/s)²], `block` the time that one
+    independent sample spans [s].
+    """
+    n = regression.rotors
+    samples = regression.time / block
+    moments = regression.moments
+    total = float(moments[n + row, n + row])
+    h = np.array(gains)
+    if samples < 3.0 * n or total <= 0.0 or not h.any():
+        return None
+    A = moments[:n, :n]
+    c = moments[:n, n + row]
+    ridge = 1e-3 * float(np.trace(A)) / n
+    spread = float(h @ A @ h)
+    if ridge <= 0.0 or spread <= 0.0:
+        return None
+    g = np.linalg.solve(A + ridge * np.eye(n), c)
+    free = min(max(float(c @ g) / total, 0.0), 1.0 - 1e-9)
+    along = max(float(h @ c), 0.0)
+    size = float(np.linalg.norm(g) * np.linalg.norm(h))
+    if size <= 0.0:
+        return None
+    return AxisFit(
+        free=free,
+        assumed=along * along / spread / total,
+        cos=float(g @ h) / size,
+        f=free / (1.0 - free) * (samples - n) / n,
+    )
+
+
+def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:
+    """Whether flight alone shows the geometry to be wrong on any axis."""
+    return any(
+        fit.f > config.strong_f
+        and fit.free > config.strong_share
+        and fit.cos < config.strong_cos
+        and fit.assumed < config.strong_part * fit.free
+        for fit in fits
+    )
+
+
+def doubtful(fits: list[AxisFit], config: GeometryConfig) -> bool:
+    """Whether a verdict must not be given on this geometry: weaker evidence than `contradicted`."""
+    return any(fit.f > config.weak_f and fit.cos < config.weak_cos for fit in fits)
+
+
+def agrees(fits: list[AxisFit], config: GeometryConfig) -> bool:
+    """Whether both axes clearly answer as the geometry says."""
+    return len(fits) == 2 and all(
+        fit.f > config.strong_f and fit.cos > config.agree_cos for fit in fits
+    )

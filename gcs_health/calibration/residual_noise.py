@@ -1,0 +1,133 @@
+"""What is left when the model is taken from the measurement: its offset, spread and coherence.
+
+Rows: 0 roll, 1 pitch, 2 yaw acceleration [rad/s²], 3 vertical specific force [m/s²].
+
+    e = y - sum h_i      raw residual          b  slow offset           d = e - b
+    R[age]               variance of d, one set for each age of the rotor speeds in IMU ticks
+    kappa                Var(sum of the last 50 ms of d) / (L Var d): 1 where d is white
+
+Source: sheet 1 section 6, with the start-up of sheet 5 section 3 rule 2.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+ROWS = 4
+MAX_AGE = 12
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseConfig:
+    """How fast the residual's baseline is learned, and between which bounds."""
+
+    typical: tuple[float, float, float, float] = (6.0, 6.0, 3.0, 2.0)  # sheet 5, rule 2
+    floor: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.04)  # variances; sheet 1, 6
+    offset_time: float = 1.5  # s
+    offset_first_time: float = 0.5  # s, after the gate opened
+    noise_time: float = 8.0  # s
+    noise_first_time: float = 1.5  # s, after the gate opened
+    offset_clip: float = 2.5  # sigmas
+    noise_clip: float = 3.5  # sigmas
+    coherence_time: float = 0.05  # s
+    age_growth: float = 30.0  # 1/s; R grows by 1 + 30 x age
+    age_growth_limit: float = 4.0
+
+
+class ResidualNoise:
+    """Learns offset, variance by age and coherence of the four residuals; plain floats."""
+
+    def __init__(self, config: NoiseConfig) -> None:
+        self.config = config
+        self.offset = [0.0] * ROWS
+        self.variance = [[s * s for s in config.typical] for _ in range(MAX_AGE + 1)]
+        self.visits = [0] * (MAX_AGE + 1)
+        self.coherence = [1.0] * ROWS
+        self.learned_time = 0.0  # s of open gate that taught
+        self._recent: deque[tuple[float, ...]] = deque()
+        self._recent_sum = [0.0] * ROWS
+        self._sum_variance = [s * s for s in config.typical]  # of the sum divided by its length
+
+    def restart(self) -> None:
+        """The gate opened: the offset starts anew, no sum reaches across; variances are kept."""
+        self.offset = [0.0] * ROWS
+        self._recent.clear()
+        self._recent_sum = [0.0] * ROWS
+
+    def learn(self, age: int, e: list[float], dt: float, since_open: float, inflation: float) -> None:
+        """Take one raw residual.
+
+        Parameters
+        ----------
+        age : IMU ticks since the last rotor speed, 0 = bracketed.
+        e : 4 raw residuals (offset not taken off); NaN = row not used.
+        dt : length of the tick [s].
+        since_open : time since the gate opened [s].
+        inflation : factor by which the variance is known to be raised now [-], `R x f`.
+        """
+        c = self.config
+        age = min(age, MAX_AGE)
+        variance = self.variance[age]
+        self.visits[age] += 1
+        grow = min(c.noise_time, max(c.noise_first_time, since_open))
+        gain = min(1.0, dt / grow)
+        if age == 0:
+            self.learned_time += dt
+            offset_time = c.offset_first_time if since_open < c.offset_time else c.offset_time
+            offset_gain = min(1.0, dt / min(offset_time, max(0.1, since_open)))
+        clip2 = c.noise_clip * c.noise_clip
+        taken = []
+        for row in range(ROWS):
+            d = e[row] - self.offset[row]
+            if d != d:
+                taken.append(0.0)
+                continue
+            now = variance[row] * inflation
+            square = d * d
+            if square > clip2 * now:
+                square = clip2 * now
+            variance[row] = max(variance[row] + gain * (square - variance[row]), c.floor[row])
+            if age == 0:
+                limit = c.offset_clip * now**0.5
+                step = limit if d > limit else (-limit if d < -limit else d)
+                self.offset[row] += offset_gain * step
+                taken.append(step)
+        if age == 0:
+            self._learn_coherence(taken, dt, gain, inflation)
+
+    def _learn_coherence(self, taken: list[float], dt: float, gain: float, inflation: float) -> None:
+        length = max(1, round(self.config.coherence_time / dt))
+        recent, sums = self._recent, self._recent_sum
+        recent.append(tuple(taken))
+        for row in range(ROWS):
+            sums[row] += taken[row]
+        while len(recent) > length:
+            gone = recent.popleft()
+            for row in range(ROWS):
+                sums[row] -= gone[row]
+        if len(recent) < length:
+            return
+        variance = self.variance[0]
+        for row in range(ROWS):
+            mean_square = sums[row] * sums[row] / length
+            limit = 12.0 * length * variance[row]
+            self._sum_variance[row] += gain * (min(mean_square, limit) - self._sum_variance[row])
+            ratio = self._sum_variance[row] / variance[row]
+            self.coherence[row] = min(max(ratio, 1.0), float(length))
+
+    def variances(self, age: int, age_time: float, inflation: float) -> list[float]:
+        """Return the variance of each row [(rad/s²)², (m/s²)²] for a tick of this age.
+
+        A bucket is never trusted below a younger one: one seldom visited would otherwise be.
+        """
+        c = self.config
+        growth = min(1.0 + c.age_growth * age_time, c.age_growth_limit) * inflation
+        base = self.variance[0]
+        coherence = self.coherence
+        if age <= 0:
+            return [base[row] * coherence[row] * growth for row in range(ROWS)]
+        out = []
+        ages = self.variance[: min(age, MAX_AGE) + 1]
+        for row in range(ROWS):
+            largest = max([bucket[row] for bucket in ages])
+            out.append(largest * coherence[row] * growth)
+        return out

@@ -1,0 +1,329 @@
+"""How effective each rotor is, and whether one has failed, from rotor speeds and the IMU.
+
+Strack van Schijndel, Sun, de Visser, "Fast Loss of Effectiveness Detection on a Quadrotor Using
+Onboard Sensors and a Kalman Estimation Approach", ICUAS 2023, doi 10.1109/ICUAS57906.2023.10156464;
+for 3 to 12 rotors, in two modes:
+
+``paper``         the authors' own filter and rules (`effectiveness_paper.py`)
+``recommended``   a bank of single-fault hypotheses behind a flight gate (`effectiveness_recommended.py`)
+
+A motor that stands still makes its own effectiveness unobservable; it is found from its speed
+(`stopped_motor.py`). Single faults only: after the first one no other rotor is judged in that flight.
+"""
+
+import math
+
+from gcs_health.airframe import Airframe
+from gcs_health.errors import AirframeError, ConfigError
+from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
+from gcs_health.estimators.effectiveness_config import EffectivenessConfig
+from gcs_health.estimators.effectiveness_paper import PaperFilter
+from gcs_health.estimators.effectiveness_recommended import RecommendedBank
+from gcs_health.estimators.stopped_motor import StoppedMotor
+from gcs_health.gate import GRAVITY
+from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
+
+MIN_ROTORS, MAX_ROTORS = 3, 12
+NAN = float("nan")
+UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
+
+
+class EffectivenessEstimator:
+    """The estimator of the contract: feed readings in arrival order, ask for estimates.
+
+    Parameters
+    ----------
+    airframe : 3 to 12 rotors with arms in both axes.
+    config : mode and parameters.
+
+    Raises
+    ------
+    AirframeError : the geometry cannot be used.
+    ConfigError : the mode is not known.
+
+    Examples
+    --------
+    >>> from gcs_health.airframe import Airframe, AirframeSource, Rotor
+    >>> arms = ((1.0, 1.0, 1), (-1.0, -1.0, 1), (1.0, -1.0, -1), (-1.0, 1.0, -1))
+    >>> rotors = tuple(Rotor(i + 1, i, (x, y, 0.0), s) for i, (x, y, s) in enumerate(arms))
+    >>> estimator = EffectivenessEstimator(Airframe("quad", rotors, AirframeSource.FILE, metric=False))
+    >>> [estimate.reasons[0].value for estimate in estimator.estimates(0.0)][:1]
+    ['no_imu']
+
+    Source: Strack van Schijndel et al. (2023); sheets 1 and 5.
+    """
+
+    name = "effectiveness"
+
+    def __init__(self, airframe: Airframe, config: EffectivenessConfig | None = None) -> None:
+        self.airframe = airframe
+        self.config = config or EffectivenessConfig()
+        _check(airframe, self.config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all that was learned in flight; equal to a new instance."""
+        n = len(self.airframe.rotors)
+        self.late = 0  # readings older than what came before them
+        self._core: PaperFilter | RecommendedBank
+        if self.config.mode == "paper":
+            self._core = PaperFilter(self.airframe, self.config.paper)
+        else:
+            self._core = RecommendedBank(self.airframe, self.config.recommended)
+        self._stopped_rule = StoppedMotor(n, self.config.stopped)
+        self._stopped: int | None = None
+        self._stopped_ratio = NAN
+        self._commands = [NAN] * n
+        self._speeds = [NAN] * n
+        self._speed_t = [-math.inf] * n
+        self._t = -math.inf
+        self._first_t = math.inf
+        self._imu_t = -math.inf
+        self._late_row = 0
+        self._armed: bool | None = None
+        self._still_since = NAN
+        self._flight_over = False
+
+    def feed(self, reading: Reading) -> list[Estimate]:
+        """Take one reading; return estimates of the rotors about which a decision changed with it."""
+        if not self._in_order(reading.t):
+            return []
+        was = self._failed()
+        doubted = self._contradicted()
+        if type(reading) is ImuReading:
+            self._imu_t = reading.t
+            changed = self._core.imu(reading)
+        elif type(reading) is RotorReading:
+            changed = self._take_speeds(reading)
+        elif type(reading) is CommandReading:
+            for i, command in enumerate(reading.command[: len(self._commands)]):
+                if command == command:
+                    self._commands[i] = command
+            return []
+        elif type(reading) is FlightReading:
+            self._take_flight(reading)
+            return []
+        else:
+            return []
+        if self._flight_over and self._flies():
+            self._new_flight()
+            changed = True
+        if not changed:
+            return []
+        now = self._failed()
+        estimates = self.estimates(reading.t)
+        if self._contradicted() != doubted:
+            return estimates
+        return [estimate for estimate in estimates if now != was and estimate.rotor in (was, now)]
+
+    def estimates(self, t: float) -> list[Estimate]:
+        """Return one estimate per rotor at vehicle time `t` [s]."""
+        common = self._missing_inputs(t)
+        failed = self._failed()
+        if isinstance(self._core, PaperFilter):
+            return [self._paper_estimate(self._core, t, i, common) for i in range(len(self._speeds))]
+        probabilities = self._probabilities(self._core)
+        information = self._core.bank.information(self._core.tick_length)
+        out = []
+        for i in range(len(self._speeds)):
+            if failed is not None:
+                out.append(self._after_failure(self._core, t, i, failed))
+            else:
+                reasons = self._rotor_reasons(i, common)
+                out.append(self._healthy(self._core, t, i, reasons, probabilities[i], information[i]))
+        return out
+
+    def _in_order(self, t: float) -> bool:
+        if not t - t == 0.0:
+            self.late += 1
+            return False
+        if t < self._t:
+            # one late reading is for the parts to refuse; many on end mean that the clock was set back
+            self.late += 1
+            self._late_row += 1
+            if self._late_row > self.config.late_before_restart:
+                late = self.late
+                self.reset()
+                self.late = late
+                self._t = self._first_t = t
+            return True
+        self._late_row = 0
+        self._t = t
+        if self._first_t == math.inf:
+            self._first_t = t
+        return True
+
+    def _take_speeds(self, reading: RotorReading) -> bool:
+        for i, speed in enumerate(reading.speed[: len(self._speeds)]):
+            if speed - speed == 0.0 and reading.t >= self._speed_t[i]:
+                self._speeds[i] = speed
+                self._speed_t[i] = reading.t
+        changed = self._core.rotor_speeds(reading)
+        hover = self._hover()
+        self._watch_flight_end(reading.t, hover)
+        if self._failed() is None:
+            stopped = self._stopped_rule.feed(reading.t, self._speeds, hover, self._commands)
+            if stopped is not None:
+                self._stopped = stopped
+                self._stopped_ratio = self._speeds[stopped] / hover
+                return True
+        return changed
+
+    def _take_flight(self, reading: FlightReading) -> None:
+        if self._armed and reading.armed is False:
+            self._flight_over = True
+        if reading.armed is not None:
+            self._armed = reading.armed
+        if isinstance(self._core, RecommendedBank):
+            self._core.gains.set_airborne(reading.landed is False and reading.armed is not False)
+
+    def _watch_flight_end(self, t: float, hover: float) -> None:
+        limit = self.config.flight_over_speed * hover
+        still = hover < math.inf and not any([speed >= limit for speed in self._speeds])
+        if not still:
+            self._still_since = NAN
+        elif self._still_since != self._still_since:
+            self._still_since = t
+        elif t - self._still_since > self.config.flight_over_after:
+            self._flight_over = True
+
+    def _flies(self) -> bool:
+        if isinstance(self._core, RecommendedBank):
+            return self._core.gate.open
+        known = [speed for speed in self._speeds if speed == speed]
+        return bool(known) and sum(known) > self.config.stopped.others * self._hover() * len(known)
+
+    def _new_flight(self) -> None:
+        self._flight_over = False
+        self._stopped = None
+        if isinstance(self._core, RecommendedBank):
+            self._core.new_flight()
+        else:
+            self._core = PaperFilter(self.airframe, self.config.paper)
+
+    def _hover(self) -> float:
+        if isinstance(self._core, RecommendedBank):
+            return self._core.hover
+        return math.sqrt(GRAVITY / (len(self._speeds) * self._core.thrust))
+
+    def _failed(self) -> int | None:
+        return self._core.failed if self._stopped is None else self._stopped
+
+    def _contradicted(self) -> bool:
+        return isinstance(self._core, RecommendedBank) and self._core.contradicted
+
+    def _missing_inputs(self, t: float) -> list[Reason]:
+        """Return what keeps every rotor from being judged, first what is missing altogether."""
+        reasons = []
+        if self._imu_t == -math.inf:
+            reasons.append(Reason.NO_IMU)
+        elif t - self._imu_t > self.config.stale_after:
+            reasons.append(Reason.IMU_STALE)
+        newest = max(self._speed_t)
+        if newest == -math.inf:
+            reasons.append(Reason.NO_ROTOR_SPEEDS)
+        elif t - newest > self.config.stale_after:
+            reasons.append(Reason.ROTOR_SPEED_STALE)
+        return reasons
+
+    def _rotor_reasons(self, rotor: int, common: list[Reason]) -> list[Reason]:
+        reasons = list(common)
+        if Reason.NO_ROTOR_SPEEDS not in reasons:
+            if self._speed_t[rotor] == -math.inf:
+                reasons.append(Reason.ROTOR_NOT_REPORTED)
+            elif min(self._speed_t) == -math.inf:
+                reasons.append(Reason.ROTOR_SPEEDS_INCOMPLETE)
+        return reasons
+
+    def _probabilities(self, core: RecommendedBank) -> list[float]:
+        """Posterior of each single fault: the threshold LLR alone gives .9, less never more than .89."""
+        threshold = core.config.bank.llr - math.log(9.0)
+        weights = [
+            math.exp(min(llr - threshold, 700.0)) for llr in core.bank.likelihoods(core.tick_length)
+        ]
+        total = 1.0 + sum(weights)
+        return [min(weight / total, UNDECIDED) for weight in weights]
+
+    def _estimate(self, t: float, rotor: int, value: float, std: float, p: float, status: Status,
+                  reasons: list[Reason], detectable: float = NAN,
+                  evidence: tuple[tuple[str, float | str], ...] = ()) -> Estimate:
+        return Estimate(t, self.name, rotor, Quantity.EFFECTIVENESS, value, std, p, status,
+                        tuple(reasons), detectable, evidence)
+
+    def _healthy(self, core: RecommendedBank, t: float, rotor: int, reasons: list[Reason],
+                 probability: float, information: float) -> Estimate:
+        if core.contradicted:
+            return self._estimate(t, rotor, NAN, NAN, NAN, Status.DIVERGED,
+                                  [Reason.GEOMETRY_CONTRADICTED, *reasons])
+        if not reasons and core.gate.reason is not None:
+            reasons = [Reason(core.gate.reason.value)]
+        if reasons and reasons != [Reason.SETTLING]:
+            warming = t - self._first_t < self.config.absent_after
+            status = Status.CONVERGING if warming else Status.UNOBSERVABLE
+            return self._estimate(t, rotor, NAN, NAN, NAN, status, reasons)
+        status = Status.CONVERGING if reasons else Status.VALID
+        detectable = core.bank.detectable(information) if core.gate.verdicts else NAN
+        ratio = self._speeds[rotor] / core.hover
+        evidence = (("speed_over_hover", ratio), ("since_open_s", core.gate.since_open))
+        return self._estimate(t, rotor, core.slow.effectiveness(rotor), core.slow.std(rotor),
+                              probability, status, reasons, detectable, evidence)
+
+    def _after_failure(self, core: RecommendedBank, t: float, rotor: int, failed: int) -> Estimate:
+        if rotor != failed:
+            return self._estimate(t, rotor, NAN, NAN, NAN, Status.UNOBSERVABLE,
+                                  [Reason.ANOTHER_ROTOR_FAILED])
+        if self._stopped is not None:
+            evidence: tuple[tuple[str, float | str], ...] = (
+                ("rule", "motor_stopped"), ("speed_over_hover", self._stopped_ratio))
+            return self._estimate(t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE,
+                                  [Reason.MOTOR_STOPPED], NAN, evidence)
+        verdict = core.verdict
+        value = min(max(1.0 - verdict.theta, 0.0), 1.5)
+        threshold = core.config.bank.llr - math.log(9.0)
+        rival = math.exp(min(verdict.llr - verdict.lead - threshold, 700.0))
+        own = math.exp(min(verdict.llr - threshold, 700.0))
+        evidence = (
+            ("rule", "single_fault_bank"),
+            ("llr", verdict.llr),
+            ("lead", verdict.lead),
+            ("theta", verdict.theta),
+            ("explained", verdict.share),
+            ("chi2", verdict.chi2),
+            ("window_s", verdict.ticks * core.tick_length),
+            ("imu_step_s", core.blocks.step),
+            ("rotor_speed_step_s", core.track.interval),
+        )
+        return self._estimate(t, rotor, value, verdict.std, max(own / (1.0 + own + rival), 0.9001),
+                              Status.VALID, [], NAN, evidence)
+
+    def _paper_estimate(self, core: PaperFilter, t: float, rotor: int, common: list[Reason]) -> Estimate:
+        if self._stopped == rotor:
+            return self._estimate(t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE, [Reason.MOTOR_STOPPED],
+                                  NAN, (("rule", "motor_stopped"),
+                                        ("speed_over_hover", self._stopped_ratio)))
+        reasons = self._rotor_reasons(rotor, common)
+        if reasons:
+            warming = t - self._first_t < self.config.absent_after
+            status = Status.CONVERGING if warming else Status.UNOBSERVABLE
+            return self._estimate(t, rotor, NAN, NAN, NAN, status, reasons)
+        std = core.std(rotor)
+        if not core.armed:
+            return self._estimate(t, rotor, core.x[rotor], std, NAN, Status.CONVERGING, [Reason.ON_GROUND])
+        # P(k < k_thr) = p_threshold needs k = k_thr - 1.2816 sigma at .9
+        needed = 1.0 - core.config.k_threshold + 1.2816 * std
+        return self._estimate(t, rotor, core.x[rotor], std, core.failure_probability(rotor), Status.VALID,
+                              [], needed if needed <= 1.0 else NAN, (("rule", "paper"), ("sigma", std)))
+
+
+def _check(airframe: Airframe, config: EffectivenessConfig) -> None:
+    rotors = airframe.rotors
+    if not MIN_ROTORS <= len(rotors) <= MAX_ROTORS:
+        raise AirframeError(
+            f"{airframe.name}: {len(rotors)} rotors; effectiveness needs {MIN_ROTORS} to {MAX_ROTORS}"
+        )
+    for axis, word in ((0, "forward"), (1, "right")):
+        reach = [rotor.position[axis] for rotor in rotors]
+        if not max(reach) - min(reach) > 0.0:
+            raise AirframeError(f"{airframe.name}: all rotors are equally far {word}: no moment to see")
+    if config.mode not in ("paper", "recommended"):
+        raise ConfigError(f"mode: expected 'paper' or 'recommended', got '{config.mode}'")

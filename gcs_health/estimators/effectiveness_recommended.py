@@ -1,0 +1,291 @@
+"""Recommended mode: a bank of single-fault hypotheses on the unfiltered residual, behind a gate.
+
+    y   = ((p_n - p_(n-1)) / dt, likewise q and r, a_z) of ticks of some 8 ms
+    r   = y - sum h_i - b
+    R_t = R[age] x growth x kappa x (1 + |a_xy|²/4² + |Omega|²/4²)² + model error
+
+Ticks later than the last rotor speeds are judged with those speeds held and the covariance of their
+age, and once more when the next speeds arrive: a decision can fall on either message.
+
+A second, slow Kalman filter on 40 ms means follows small, lasting losses for display.
+
+Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where they differ.
+"""
+
+import math
+
+from gcs_health.airframe import Airframe
+from gcs_health.calibration import geometry_check
+from gcs_health.calibration.control_effectiveness import ControlEffectiveness, MomentRegression
+from gcs_health.calibration.residual_noise import ResidualNoise
+from gcs_health.calibration.time_shift import TimeShift
+from gcs_health.estimators.effectiveness_config import RecommendedConfig
+from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
+from gcs_health.estimators.residual_model import Residual, Step, contribution, residual
+from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
+from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
+from gcs_health.gate import GRAVITY, Closed, FlightGate
+from gcs_health.samples import ImuReading, RotorReading
+
+
+class RecommendedBank:
+    """The whole recommended mode but its words; `effectiveness.py` turns it into estimates.
+
+    Attributes
+    ----------
+    failed : rotor that the rules name, held for the flight; None.
+    verdict : the evidence at that moment.
+    contradicted : the rotors do not answer as the geometry says; nothing is named then.
+    """
+
+    def __init__(self, airframe: Airframe, config: RecommendedConfig) -> None:
+        self.config = config
+        n = self.rotors = len(airframe.rotors)
+        self.gains = ControlEffectiveness(airframe, config.prior)
+        self.blocks = ImuBlocks(config.tick)
+        self.track = RotorTrack(n)
+        self.noise = ResidualNoise(config.noise)
+        self.bank = FaultBank(n, 4 if self.gains.has_yaw else 3, config.bank)
+        self.gate = FlightGate(n, config.gate)
+        self.regression = MomentRegression(n, config.prior)
+        self.shift = TimeShift(config.shift)
+        self.slow = SlowEffectiveness(n, config.slow)
+        self.failed: int | None = None
+        self.verdict: Verdict = NOTHING
+        self.contradicted = False
+        self._before: Tick | None = None
+        self._speeds: list[float] = []  # at the last tick that is final
+        self._pending: list[Step] = []
+        self._newest_learned = -math.inf
+        self._motion = [0.0] * 5  # a_x, a_y, p, q, r, low-passed
+        self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
+        self._final_row = (-1, 0)
+        self._strikes = 0
+        self._frozen_until = -math.inf
+        self._frozen_since = math.nan
+        self._checked = 0.0
+        self._x_mean = [0.0, 0.0, 0.0, 0.0]  # high pass of predicted and measured roll, pitch
+
+    @property
+    def hover(self) -> float:
+        """Hover speed [rad/s], infinite while thrust is not known."""
+        thrust = self.gains.thrust
+        return math.sqrt(GRAVITY / (self.rotors * thrust)) if thrust > 0.0 else math.inf
+
+    @property
+    def tick_length(self) -> float:
+        """Usual time between ticks [s]."""
+        return self.blocks.step * self.blocks.per_block
+
+    def imu(self, reading: ImuReading) -> bool:
+        """Take one message; return whether a verdict fell."""
+        tick = self.blocks.feed(reading)
+        if tick is None:
+            return False
+        before = self._before
+        self._before = tick
+        if before is None or self.track.covered == -math.inf:
+            return False
+        return self._advance(tick, before)
+
+    def rotor_speeds(self, reading: RotorReading) -> bool:
+        """Take one reading; return whether a verdict fell."""
+        if self.track.feed(reading) and self._pending and self.gate.open:
+            return self._evaluate(True)
+        return False
+
+    def rate_too_low(self) -> bool:
+        """Whether a loss cannot be seen in time at these message rates."""
+        c = self.config
+        return self.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
+
+    def new_flight(self) -> None:
+        """A new flight begins: a failure named in the one before no longer holds."""
+        self.failed = None
+        self.verdict = NOTHING
+        self._row = self._final_row = (-1, 0)
+        self.bank.clear()
+        self.slow.restart()
+
+    def _advance(self, tick: Tick, before: Tick) -> bool:
+        c = self.config
+        dt = tick.t - before.t
+        track = self.track
+        speeds = track.at(tick.t - self.shift.shift)
+        squares = 0.0
+        for speed in speeds:
+            squares += speed * speed
+        if not self.gains.thrust_given:
+            self.gains.learn_thrust(dt, tick.az, squares)
+        blocked = None
+        if not self.gains.known:
+            blocked = Closed.EFFECTIVENESS_UNKNOWN
+        elif self.rate_too_low():
+            blocked = Closed.RATE_TOO_LOW
+        was_open = self.gate.open
+        age = tick.t - track.covered
+        is_open = self.gate.feed(
+            tick.t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked
+        )
+        gain = min(1.0, dt / c.motion_time)
+        motion = self._motion
+        for k, value in enumerate((tick.ax, tick.ay, tick.p, tick.q, tick.r)):
+            motion[k] += gain * (value - motion[k])
+        if not is_open or not was_open:
+            self._start_over(speeds, opened=is_open)
+            return False
+        push = (motion[0] ** 2 + motion[1] ** 2) / c.drag_scale**2
+        spin = (motion[2] ** 2 + motion[3] ** 2 + motion[4] ** 2) / c.body_rate_scale**2
+        step = Step(tick, before, dt, (1.0 + push + spin) ** 2)
+        self._pending.append(step)
+        return self._evaluate(False)
+
+    def _start_over(self, speeds: list[float], opened: bool) -> None:
+        """No window, no block, no offset reaches across a closed gate."""
+        if opened:
+            self.noise.restart()
+            self.slow.restart()
+            self._speeds = speeds
+        if self.bank.ticks or self._pending:
+            self.bank.clear()
+            self.regression.gap()
+            self.shift.gap()
+            self._pending.clear()
+        self._row = self._final_row = (-1, 0)
+
+    def _evaluate(self, speeds_came: bool) -> bool:
+        """Make final what is now bracketed; judge what is new with speeds held."""
+        covered = self.track.covered + self.shift.shift
+        pending = self._pending
+        fell = False
+        todo = len(pending) - 1  # the older ones are in the bank as they stand
+        if speeds_came or pending[0].tick.t <= covered:
+            self.bank.drop_provisional()
+            self._row = self._final_row
+            done = 0
+            for step in pending:
+                if step.tick.t > covered:
+                    break
+                fell = self._make_final(step) or fell
+                done += 1
+            del pending[:done]
+            todo = 0
+        for position in range(todo, len(pending)):
+            fell = self._provisional(position) or fell
+        return fell
+
+    def _make_final(self, step: Step) -> bool:
+        speeds = self.track.at(step.tick.t - self.shift.shift)
+        left = residual(step, self._speeds, speeds, self.gains, self.config.model_error)
+        self._speeds = speeds
+        noise = self.noise
+        variances = noise.variances(0, 0.0, step.inflation)
+        self.bank.add_final(contribution(left, noise.offset, variances))
+        fell = self._judge(step.tick.t)
+        self._final_row = self._row
+        if self.failed is None:
+            self._learn(step, left, variances)
+        return fell
+
+    def _provisional(self, position: int) -> bool:
+        step = self._pending[position]
+        shift = self.shift.shift
+        before = self._speeds if position == 0 else self.track.at(step.before.t - shift)
+        speeds = self.track.at(step.tick.t - shift)
+        left = residual(step, before, speeds, self.gains, self.config.model_error)
+        age = position + 1
+        late = max(0.0, step.tick.t - self.track.covered - shift)
+        noise = self.noise
+        variances = noise.variances(age, late, step.inflation)
+        self.bank.add_provisional(contribution(left, noise.offset, variances))
+        if step.tick.t > self._newest_learned:
+            self._newest_learned = step.tick.t
+            if step.tick.t > self._frozen_until and self.failed is None:
+                noise.learn(age, left.e, step.dt, self.gate.since_open, step.inflation)
+        return self._judge(step.tick.t)
+
+    def _judge(self, t: float) -> bool:
+        """Judge the bank as it stands; return whether a verdict fell."""
+        if self.failed is not None:
+            return False
+        c = self.config
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        if verdict.llr > 0.5 * c.bank.llr:
+            self._freeze(t)
+        elif t > self._frozen_until:
+            self._frozen_since = math.nan
+        rotor, row = self._row
+        if verdict.passes and self.gate.verdicts and not self.contradicted:
+            row = row + 1 if verdict.rotor == rotor else 1
+        else:
+            row = 0
+        self._row = (verdict.rotor, row)
+        slow = self.track.interval > c.slow_rotor_speeds
+        if row < (c.ticks_slow if slow else c.ticks):
+            return False
+        if self._geometry_doubtful():
+            self.contradicted = True
+            return True
+        self.failed = verdict.rotor
+        self.verdict = verdict
+        return True
+
+    def _freeze(self, t: float) -> None:
+        """A hypothesis is half way: stop learning, lest the fault become the baseline."""
+        if self._frozen_since != self._frozen_since:
+            self._frozen_since = t
+        # but a baseline that is simply wrong must be able to mend itself
+        if t - self._frozen_since < self.config.freeze_at_most:
+            self._frozen_until = t + self.config.freeze
+
+    def _learn(self, step: Step, left: Residual, variances: list[float]) -> None:
+        c = self.config
+        tick, before, dt, inflation = step
+        if tick.t > self._frozen_until:
+            self.noise.learn(0, left.e, dt, self.gate.since_open, inflation)
+        self.slow.feed(dt, left.e, left.h, variances)
+        roll = (tick.p - before.p) / dt
+        pitch = (tick.q - before.q) / dt
+        self.regression.feed(dt, left.squares, roll, pitch)
+        predicted = (roll - left.e[0], pitch - left.e[1])
+        mean = self._x_mean
+        gain = min(1.0, dt / c.prior.high_pass)
+        for k, value in enumerate((*predicted, roll, pitch)):
+            mean[k] += gain * (value - mean[k])
+        x = (predicted[0] - mean[0], predicted[1] - mean[1])
+        self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))
+        self._checked += dt
+        if self._checked >= c.check_every:
+            self._checked = 0.0
+            self._check()
+
+    def _check(self) -> None:
+        """Twice a second: gains that are not given, and whether the geometry holds."""
+        if self.gains.learns:
+            self.gains.learn_moments(
+                self.regression.axis(0, self.gains.roll), self.regression.axis(1, self.gains.pitch)
+            )
+        fits = self._fits()
+        g = self.config.geometry
+        if geometry_check.contradicted(fits, g):
+            self._strikes += 1
+            if self._strikes >= self.config.strikes:
+                self.contradicted = True
+        else:
+            self._strikes = 0
+            if self.contradicted and geometry_check.agrees(fits, g):
+                self.contradicted = False
+
+    def _fits(self) -> list[geometry_check.AxisFit]:
+        if self.regression.time < self.config.geometry.least_time:
+            return []
+        interval = self.track.interval
+        block = max(self.config.prior.block, self.tick_length, interval if interval == interval else 0.0)
+        found = (
+            geometry_check.fit_axis(self.regression, 0, self.gains.roll, block),
+            geometry_check.fit_axis(self.regression, 1, self.gains.pitch, block),
+        )
+        return [fit for fit in found if fit is not None]
+
+    def _geometry_doubtful(self) -> bool:
+        return geometry_check.doubtful(self._fits(), self.config.geometry)

@@ -1,0 +1,180 @@
+"""A bank of single-fault hypotheses: rotor i has lost a share theta since L ticks ago.
+
+    h_i       what rotor i adds to the rows now           r   residual under "all healthy"
+    n_i = -h_i' R^-1 r,  d_i = h_i' R^-1 h_i              of one tick
+    N, D, Q   sums of n_i, d_i and r' R^-1 r over the last L ticks, every L at once
+    theta = clip(N / D)          most likely loss
+    LLR   = theta N - theta² D / 2      log likelihood ratio against "all healthy"
+
+A decision needs the likelihood, a lead over every other rotor, a loss of believable size, and a shape:
+the residual must look like this rotor's column and little else, which is what tells a lost rotor from
+a gust or a collision. Every rule must hold in successive ticks.
+
+Source: sheet 1 section 7, steps 4 and 5; sheet 5 section 3 rule 4.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class BankConfig:
+    """Thresholds of the bank, sheet 1 section 7."""
+
+    window: float = 0.16  # s, longest window
+    max_ticks: int = 20  # the window in 8 ms ticks
+    min_ticks: int = 3
+    theta_low: float = 0.55
+    theta_high: float = 1.15
+    llr: float = 20.0
+    lead: float = 6.0
+    free_theta_low: float = 0.5
+    free_theta_high: float = 1.7
+    shape_share: float = 0.6
+    shape_chi2: float = 2.5
+    excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
+
+
+class Verdict(NamedTuple):
+    """The best hypothesis of one tick. `passes` = all rules but succession hold."""
+
+    rotor: int
+    llr: float
+    lead: float  # over the second rotor, or over 0
+    theta: float  # unclipped
+    std: float  # of theta, 1 / sqrt(D)
+    share: float  # 2 LLR / Q
+    chi2: float  # what it leaves unexplained, per degree of freedom
+    ticks: int  # L of the best window
+    passes: bool
+
+
+NOTHING = Verdict(-1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
+
+
+class FaultBank:
+    """Window sums of final ticks and, on top, of ticks whose rotor speeds are still provisional."""
+
+    def __init__(self, rotors: int, rows: int, config: BankConfig) -> None:
+        self.config = config
+        self.rotors = rotors
+        self.rows = rows  # measurement rows in use, for the degrees of freedom
+        self._lengths = np.arange(1, config.max_ticks + 1, dtype=np.float64)[:, None]
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget every tick: no window reaches across a closed gate."""
+        shape = (self.config.max_ticks, 2 * self.rotors + 2)
+        self._final: Array = np.zeros(shape)
+        self._now: Array = np.zeros(shape)
+        self.final_ticks = 0
+        self.ticks = 0
+
+    def add_final(self, contribution: list[float]) -> None:
+        """Add one tick, [n_1..n_n, d_1..d_n, q, e], that will not change; drops provisional ones."""
+        self._push(self._final, contribution)
+        self._now[:] = self._final
+        self.final_ticks = self.ticks = min(self.final_ticks + 1, self.config.max_ticks)
+
+    def drop_provisional(self) -> None:
+        """Go back to the final ticks."""
+        self._now[:] = self._final
+        self.ticks = self.final_ticks
+
+    def add_provisional(self, contribution: list[float]) -> None:
+        """Add one tick whose rotor speeds may still change."""
+        self._push(self._now, contribution)
+        self.ticks = min(self.ticks + 1, self.config.max_ticks)
+
+    @staticmethod
+    def _push(sums: Array, contribution: list[float]) -> None:
+        sums[1:] = sums[:-1]
+        sums[0] = 0.0
+        sums += np.array(contribution)
+
+    def judge(self, tick_length: float, floor: float, excess_sigma: float) -> Verdict:
+        """Return the best hypothesis over every rotor and window.
+
+        Parameters
+        ----------
+        tick_length : usual tick [s]; windows are at most `window` s.
+        excess_sigma : usual size of the upward excess e of one tick [m/s²].
+        floor : log likelihood ratio below which nobody wants to know; saves most of the work.
+        """
+        c = self.config
+        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
+        first = c.min_ticks - 1
+        if last <= first:
+            return NOTHING
+        n = self.rotors
+        N = self._now[first:last, :n]
+        D = self._now[first:last, n : 2 * n]
+        # LLR <= N² / 2D whatever the clip
+        if not ((N > 0.0) & (N * N > (2.0 * floor) * D)).any():
+            return NOTHING
+        free = N / (D + 1e-12)
+        theta = np.minimum(np.maximum(free, c.theta_low), c.theta_high)
+        llr = theta * (N - 0.5 * theta * D)
+        best = llr.max(axis=0).tolist()
+        rotor = max(range(n), key=best.__getitem__)
+        top = best[rotor]
+        second = 0.0
+        for i in range(n):
+            if i != rotor and best[i] > second:
+                second = best[i]
+        row = int(llr[:, rotor].argmax())
+        ticks = row + first + 1
+        q = float(self._now[first + row, 2 * n])
+        excess = float(self._now[first + row, 2 * n + 1])
+        loss = float(free[row, rotor])
+        share = 2.0 * top / q if q > 0.0 else 0.0
+        chi2 = (q - 2.0 * top) / max(self.rows * ticks - 1, 1)
+        passes = (
+            top > c.llr
+            and top - second > c.lead
+            and c.free_theta_low <= loss <= c.free_theta_high
+            and (share > c.shape_share or chi2 < c.shape_chi2)
+            and excess < c.excess_sigmas * excess_sigma * math.sqrt(ticks)
+        )
+        std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
+        return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)
+
+    def likelihoods(self, tick_length: float) -> list[float]:
+        """Return the largest log likelihood ratio of each rotor over all windows, never below 0."""
+        c = self.config
+        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
+        if last < c.min_ticks:
+            return [0.0] * self.rotors
+        N = self._now[c.min_ticks - 1 : last, : self.rotors]
+        D = self._now[c.min_ticks - 1 : last, self.rotors : 2 * self.rotors]
+        theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)
+        best: list[float] = np.maximum(theta * (N - 0.5 * theta * D), 0.0).max(axis=0).tolist()
+        return best
+
+    def information(self, tick_length: float) -> list[float]:
+        """Return D of each rotor over the longest window: 1/D is the variance of its theta."""
+        last = min(self.ticks, max(self.config.min_ticks, round(self.config.window / tick_length)))
+        if last < self.config.min_ticks:
+            return [0.0] * self.rotors
+        out: list[float] = self._now[last - 1, self.rotors : 2 * self.rotors].tolist()
+        return out
+
+    def detectable(self, information: float) -> float:
+        """Return the smallest loss [-] that would pass `llr` over a window of this information; NaN = none.
+
+        A loss theta gives N = theta D on average, so LLR = clip theta D - clip² D / 2 with the clip at
+        `theta_low`; solved for theta, and never below `free_theta_low`.
+        """
+        c = self.config
+        if information <= 0.0:
+            return float("nan")
+        small = (c.llr / information + 0.5 * c.theta_low**2) / c.theta_low
+        theta = small if small <= c.theta_low else (2.0 * c.llr / information) ** 0.5
+        theta = max(theta, c.free_theta_low)
+        return theta if theta <= 1.0 else float("nan")

@@ -1,0 +1,114 @@
+"""Each rotor's effectiveness on the scale of seconds, with its standard deviation: for display.
+
+    x    loss of each rotor, 1 - k          e    raw residual, mean over 40 ms
+    H    -h, columns of the rotors          b    offset with a memory of 25 s
+    e - b = H x + noise,  x pulled towards 0 within `memory`, P_ii <= `prior`²
+
+The pull is what bounds the null direction of the paper's filter: three equations cannot hold four
+unknowns apart in hover (sheet 1 section 5). The slow offset takes part of a lasting loss with it, so
+small losses read low; aerodynamic residuals last, hence the noise floor.
+
+Source: sheet 1 sections 5, 7.7 and 7.9; sheet 5 section 3, partial loss.
+"""
+
+import math
+from dataclasses import dataclass
+
+from gcs_health.calibration.residual_noise import ROWS
+from gcs_health.estimators import kalman
+
+
+@dataclass(frozen=True, slots=True)
+class SlowConfig:
+    """Times and spreads of the slow filter."""
+
+    block: float = 0.04  # s
+    memory: float = 1.5  # s, of x
+    offset_memory: float = 25.0  # s
+    prior: float = 0.2  # [-]
+    clip: float = 3.5  # sigmas
+    correlated: float = 6.0  # variance of a block mean over that of white noise
+
+
+class SlowEffectiveness:
+    """Information-light Kalman filter over all rotors at once, one update a block."""
+
+    def __init__(self, rotors: int, config: SlowConfig) -> None:
+        self.config = config
+        self.rotors = rotors
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the losses and the offset: the gate opened."""
+        n = self.rotors
+        variance = self.config.prior**2
+        self.x = [0.0] * n
+        self.P = [[variance if i == j else 0.0 for j in range(n)] for i in range(n)]
+        self.offset = [0.0] * ROWS
+        self.time = 0.0  # s since the restart
+        self._clear_block()
+
+    def _clear_block(self) -> None:
+        self._length = 0.0
+        self._ticks = 0
+        self._e = [0.0] * ROWS
+        self._variance = [0.0] * ROWS
+        self._h = [[0.0] * self.rotors for _ in range(ROWS)]
+
+    def feed(
+        self,
+        dt: float,
+        e: list[float],
+        h: tuple[list[float], list[float], list[float], list[float]],
+        variances: list[float],
+    ) -> None:
+        """Take one final tick: raw residual (4), columns (4 rows of n or empty), variances (4)."""
+        self._length += dt
+        self._ticks += 1
+        for row in range(ROWS):
+            column = h[row]
+            if not column:
+                continue
+            self._e[row] += e[row]
+            self._variance[row] += variances[row]
+            total = self._h[row]
+            for i, value in enumerate(column):
+                total[i] += value
+        if self._length >= self.config.block:
+            self._update()
+
+    def _update(self) -> None:
+        c = self.config
+        length, share = self._length, 1.0 / self._ticks
+        self.time += length
+        n = self.rotors
+        keep = math.exp(-length / c.memory)
+        added = (1.0 - keep * keep) * c.prior**2
+        x = [keep * value for value in self.x]
+        P = [[keep * keep * value for value in row] for row in self.P]
+        for i in range(n):
+            P[i][i] += added
+        gain = min(1.0, length / min(c.offset_memory, max(self.time, 0.5)))
+        for row in range(ROWS):
+            column = self._h[row]
+            if not any(column):
+                continue
+            noise = self._variance[row] * share * share * c.correlated
+            value = self._e[row] * share
+            limit = c.clip * math.sqrt(noise)
+            h = [-entry * share for entry in column]
+            z = value - self.offset[row]
+            expected = sum([h[i] * x[i] for i in range(n)])
+            z = expected + min(max(z - expected, -limit), limit)
+            x, P, _, _ = kalman.update_scalar(x, P, z, h, noise)
+            self.offset[row] += gain * min(max(value - self.offset[row], -limit), limit)
+        self.x, self.P = x, P
+        self._clear_block()
+
+    def effectiveness(self, rotor: int) -> float:
+        """Return k = 1 - loss, within 0 .. 1.5 [-]."""
+        return min(max(1.0 - self.x[rotor], 0.0), 1.5)
+
+    def std(self, rotor: int) -> float:
+        """Return its standard deviation [-]."""
+        return math.sqrt(max(self.P[rotor][rotor], 0.0))

@@ -1,0 +1,77 @@
+"""A motor that stands still while the others fly: found from the speeds alone.
+
+Its effectiveness cannot be seen, since h_i = 0. The rule: below 25 % of hover speed for more than
+50 ms, while every other rotor turns above that and they average more than 60 %, in a flight that was
+under way. A rotor that never turned, one that is commanded off, and the single-rotor excitations of a
+hand throw are not failures.
+
+Source: sheet 1 section 7, step 8; the guards are this project's.
+"""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class StoppedConfig:
+    """Thresholds of the rule."""
+
+    stopped: float = 0.25  # of hover speed
+    others: float = 0.6  # of hover speed, mean of the others
+    hold: float = 0.05  # s
+    flying: float = 0.5  # s that the others must have flown before
+    command_off: float = 0.02  # a command below this is an order to stand still
+
+
+class StoppedMotor:
+    """Fed the latest speeds with every rotor reading; names the rotor that stopped."""
+
+    def __init__(self, rotors: int, config: StoppedConfig) -> None:
+        self.config = config
+        self.rotors = rotors
+        self._turned = [False] * rotors
+        self._low_since = [math.nan] * rotors
+        self._flying_since = math.nan
+
+    def feed(self, t: float, speeds: list[float], hover: float, commands: list[float]) -> int | None:
+        """Take the latest speeds [rad/s], NaN = never reported; return a rotor that has stopped.
+
+        `hover` [rad/s] may be infinite = not known. `commands` [-] are NaN where not known.
+        """
+        c = self.config
+        low = c.stopped * hover
+        lowest = -1
+        total = 0.0
+        count = 0
+        slow = 0
+        for i, speed in enumerate(speeds):
+            if speed != speed:
+                continue
+            total += speed
+            count += 1
+            if speed < low:
+                slow += 1
+                lowest = i
+                if self._low_since[i] != self._low_since[i]:
+                    self._low_since[i] = t
+            else:
+                self._turned[i] = True
+                self._low_since[i] = math.nan
+        if count < 3:
+            return None
+        if slow == 1:
+            others = (total - speeds[lowest]) / (count - 1)
+        else:
+            others = total / count
+        if slow > 1 or not others > c.others * hover:
+            self._flying_since = math.nan
+            return None
+        if self._flying_since != self._flying_since:
+            self._flying_since = t
+        if slow == 0 or not self._turned[lowest]:
+            return None
+        if commands[lowest] < c.command_off:
+            return None
+        long_enough = t - self._low_since[lowest] > c.hold
+        flew_before = self._low_since[lowest] - self._flying_since > c.flying
+        return lowest if long_enough and flew_before else None

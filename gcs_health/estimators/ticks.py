@@ -1,0 +1,182 @@
+"""Readings onto ticks: blocks of IMU messages, and each rotor's speed at any time.
+
+Source: sheet 1 section 7, steps 1 and 2. Rotor speeds are interpolated where an ESC sample lies on
+both sides of a tick; beyond the last sample they are held, and the caller must know (`covered`) so
+that it can lend such a tick the covariance of its age and compute it again when the sample comes.
+"""
+
+import math
+from typing import NamedTuple
+
+from gcs_health.samples import ImuReading, RotorReading
+
+
+class Tick(NamedTuple):
+    """The mean of one block of IMU messages; `t` is the mean of their times [s]."""
+
+    t: float
+    ax: float  # specific force [m/s²]
+    ay: float
+    az: float
+    p: float  # body rates [rad/s]
+    q: float
+    r: float
+
+
+class ImuBlocks:
+    """Averages a fast IMU to blocks of about `length` s; passes one slower than that on unchanged.
+
+    A block never spans a gap. Readings that are not finite or not newer than the last are dropped and
+    counted in `dropped`.
+    """
+
+    def __init__(self, length: float) -> None:
+        self.length = length  # [s]
+        self.step = math.nan  # [s] usual time between messages
+        self.last_t = -math.inf
+        self.dropped = 0
+        self._seen = 0
+        self._count = 0
+        self._sums = [0.0] * 7
+
+    def feed(self, reading: ImuReading) -> Tick | None:
+        """Take one message; return the block that it completes, if any."""
+        t, ax, ay, az, p, q, r = reading
+        total = ax + ay + az + p + q + r
+        if not (total - total == 0.0 and t > self.last_t):
+            self.dropped += 1
+            return None
+        done = None
+        dt = t - self.last_t
+        self.last_t = t
+        if dt < math.inf:
+            self._learn_step(dt)
+            if self._count and dt > 2.5 * self.step and dt > 0.5 * self.length:
+                done = self._flush()
+        sums = self._sums
+        sums[0] += t
+        sums[1] += ax
+        sums[2] += ay
+        sums[3] += az
+        sums[4] += p
+        sums[5] += q
+        sums[6] += r
+        self._count += 1
+        if done is None and self._count >= self.per_block:
+            done = self._flush()
+        return done
+
+    @property
+    def per_block(self) -> int:
+        """Messages averaged into one tick."""
+        # .75: at 100 Hz and below every message is a tick, at 125 Hz too
+        return max(1, int(self.length / self.step + 0.25)) if self.step > 0.0 else 1
+
+    def _learn_step(self, dt: float) -> None:
+        if self._seen == 0:
+            self.step = dt
+        else:
+            clipped = min(max(dt, 0.5 * self.step), 2.0 * self.step)
+            self.step += (clipped - self.step) / min(self._seen + 1, 50)
+        self._seen += 1
+
+    def _flush(self) -> Tick:
+        share = 1.0 / self._count
+        tick = Tick(*[value * share for value in self._sums])
+        self._sums = [0.0] * 7
+        self._count = 0
+        return tick
+
+
+class RotorTrack:
+    """The recent speed samples of each rotor.
+
+    Attributes
+    ----------
+    covered : time up to which every rotor's speed is bracketed by samples [s]; -inf while one has none.
+    interval : usual time between samples [s], NaN while unknown.
+    late : samples dropped because they were not newer than the last of their rotor.
+    """
+
+    KEPT = 48  # samples a rotor; at 500 Hz a tenth of a second, far beyond any tick still open
+
+    def __init__(self, rotors: int) -> None:
+        self.times: list[list[float]] = [[] for _ in range(rotors)]
+        self.speeds: list[list[float]] = [[] for _ in range(rotors)]
+        self.covered = -math.inf
+        self.interval = math.nan
+        self.late = 0
+        self._seen = 0
+
+    def feed(self, reading: RotorReading, shift: float = 0.0) -> bool:
+        """Take one reading, its times moved by `shift` [s]; return whether `covered` moved."""
+        t = reading.t + shift
+        if t - t != 0.0:
+            self.late += 1
+            return False
+        for times, speeds, speed in zip(self.times, self.speeds, reading.speed, strict=False):
+            if not (speed - speed == 0.0):
+                continue
+            if times and t <= times[-1]:
+                self.late += 1
+                continue
+            times.append(t)
+            speeds.append(speed if speed >= 0.0 else -speed)
+            if len(times) > self.KEPT:
+                del times[: self.KEPT // 2]
+                del speeds[: self.KEPT // 2]
+        covered = math.inf
+        for times in self.times:
+            if not times:
+                return False
+            if times[-1] < covered:
+                covered = times[-1]
+        if covered <= self.covered:
+            return False
+        if self.covered > -math.inf:
+            dt = covered - self.covered
+            if self._seen == 0:
+                self.interval = dt
+            else:
+                clipped = min(max(dt, 0.5 * self.interval), 2.0 * self.interval)
+                self.interval += (clipped - self.interval) / min(self._seen + 1, 30)
+            self._seen += 1
+        self.covered = covered
+        return True
+
+    def reported(self, rotor: int) -> bool:
+        """Whether this rotor has ever given a speed."""
+        return bool(self.times[rotor])
+
+    def latest(self, rotor: int) -> float:
+        """Return the last speed of one rotor [rad/s], NaN if it never gave one."""
+        speeds = self.speeds[rotor]
+        return speeds[-1] if speeds else math.nan
+
+    def age(self, rotor: int, t: float) -> float:
+        """Return the age of one rotor's last speed at time t [s]; infinite if it never gave one."""
+        times = self.times[rotor]
+        return t - times[-1] if times else math.inf
+
+    def at(self, t: float) -> list[float]:
+        """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one."""
+        out = []
+        after = before = math.nan  # bracket of the rotor before: most share one ESC message
+        share = 0.0
+        for times, speeds in zip(self.times, self.speeds, strict=True):
+            j = len(times) - 1
+            if t >= times[j]:
+                out.append(speeds[j])
+                continue
+            while j and times[j - 1] > t:
+                j -= 1
+            if j == 0:
+                out.append(speeds[0])
+                continue
+            if times[j] != after or times[j - 1] != before:
+                after = times[j]
+                before = times[j - 1]
+                share = (t - before) / (after - before)
+            low = speeds[j - 1]
+            out.append(low + share * (speeds[j] - low))
+        return out
