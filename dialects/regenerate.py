@@ -1,0 +1,30 @@
+"""Generate `gcs_health/mavlink/generated/esc.py` from `esc.xml` with pymavlink's own generator.
+
+    python dialects/regenerate.py            # into the package
+    python dialects/regenerate.py OUT.py
+"""
+
+import contextlib
+import io
+import sys
+import tempfile
+from pathlib import Path
+
+from pymavlink.generator import mavgen
+
+HERE = Path(__file__).resolve().parent
+TARGET = HERE.parent / "gcs_health" / "mavlink" / "generated" / "esc.py"
+
+
+def generate() -> str:
+    """Return the module's text: no path, date or machine in it."""
+    with tempfile.TemporaryDirectory() as place:
+        out = Path(place) / "esc"
+        options = mavgen.Opts(str(out), wire_protocol="2.0", language="Python3", validate=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # the generator talks
+            mavgen.mavgen(options, [str(HERE / "esc.xml")])
+        return out.with_suffix(".py").read_text()
+
+
+if __name__ == "__main__":
+    (Path(sys.argv[1]) if len(sys.argv) > 1 else TARGET).write_text(generate())

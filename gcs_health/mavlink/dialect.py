@@ -1,0 +1,154 @@
+"""One MAVLink dialect as a value: ids, CRC_EXTRA and wire layout of every message we can check.
+
+The stock part is pymavlink's `all` (some 350 messages: the more ids are known, the fewer frames pass
+unchecked); ESC_STATUS, ESC_INFO and EVENT come from `dialects/esc.xml`.
+"""
+
+import struct
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from gcs_health.errors import DialectError
+
+# CRC_EXTRA of the messages that no released dialect has (MAVLink common.xml)
+_ESC_CRC_EXTRA = {290: 251, 291: 10, 410: 160}
+
+_NUMPY = {
+    "uint8_t": "u1",
+    "int8_t": "i1",
+    "uint16_t": "<u2",
+    "int16_t": "<i2",
+    "uint32_t": "<u4",
+    "int32_t": "<i4",
+    "uint64_t": "<u8",
+    "int64_t": "<i8",
+    "float": "<f4",
+    "double": "<f8",
+    "char": "S1",
+}
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message's wire layout, extension fields included.
+
+    Attributes
+    ----------
+    id, name, crc_extra : as in the dialect's XML.
+    fields : (name, MAVLink type, array length or 0) in wire order.
+    units : unit of a field by its name, where it has one.
+    """
+
+    id: int
+    name: str
+    crc_extra: int
+    fields: tuple[tuple[str, str, int], ...]
+    units: dict[str, str]
+
+    @cached_property
+    def layout(self) -> struct.Struct:
+        """Little-endian struct; arrays unpack to single elements, char arrays to one bytes value."""
+        codes = ""
+        for _, kind, length in self.fields:
+            code = {"char": "s", "float": "f", "double": "d"}.get(kind) or _INTEGER_CODE[kind]
+            codes += f"{length or 1}{code}" if code == "s" or length else code
+        return struct.Struct("<" + codes)
+
+    @cached_property
+    def positions(self) -> dict[str, tuple[int, int]]:
+        """Return (first element, count) of each field in the unpacked tuple; count 0 = a scalar."""
+        at, places = 0, {}
+        for name, kind, length in self.fields:
+            places[name] = (at, 0 if kind == "char" else length)
+            at += 1 if kind == "char" or not length else length
+        return places
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """Packed structured dtype of the whole payload."""
+        return np.dtype([(name, *_numpy_field(kind, length)) for name, kind, length in self.fields])
+
+    @property
+    def size(self) -> int:
+        """Length of the untruncated payload [bytes]."""
+        return self.layout.size
+
+
+_INTEGER_CODE = {
+    "uint8_t": "B",
+    "int8_t": "b",
+    "uint16_t": "H",
+    "int16_t": "h",
+    "uint32_t": "I",
+    "int32_t": "i",
+    "uint64_t": "Q",
+    "int64_t": "q",
+}
+
+
+def _numpy_field(kind: str, length: int) -> tuple[Any, ...]:
+    if kind == "char":
+        return (f"S{length or 1}",)
+    return (_NUMPY[kind], (length,)) if length else (_NUMPY[kind],)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """All messages by id, and the CRC_EXTRA of each."""
+
+    messages: dict[int, Message]
+
+    @cached_property
+    def crc_extra(self) -> dict[int, int]:
+        """CRC_EXTRA by message id."""
+        return {id: message.crc_extra for id, message in self.messages.items()}
+
+    @cached_property
+    def known_ids(self) -> np.ndarray[Any, np.dtype[np.int64]]:
+        """Message ids, ascending."""
+        return np.array(sorted(self.messages), dtype=np.int64)
+
+    @cached_property
+    def extras(self) -> np.ndarray[Any, np.dtype[np.int64]]:
+        """CRC_EXTRA in the order of `known_ids`."""
+        return np.array([self.messages[i].crc_extra for i in sorted(self.messages)], dtype=np.int64)
+
+    def name(self, message: int) -> str:
+        """Return a message's name; "UNKNOWN_n" for an id that is not in the dialect."""
+        known = self.messages.get(message)
+        return known.name if known else f"UNKNOWN_{message}"
+
+
+@cache
+def default_dialect() -> Dialect:
+    """Return pymavlink's `all` with ESC_INFO, ESC_STATUS and EVENT added.
+
+    Raises
+    ------
+    DialectError : the generated messages do not have the published CRC_EXTRA.
+    """
+    from pymavlink.dialects.v20 import all as stock
+
+    from gcs_health.mavlink.generated import esc
+
+    messages = {}
+    for source in (stock, esc):
+        for id, cls in source.mavlink_map.items():
+            messages[id] = _message(id, cls)
+    for id, extra in _ESC_CRC_EXTRA.items():
+        if messages[id].crc_extra != extra:
+            raise DialectError(
+                f"{messages[id].name}: CRC_EXTRA {messages[id].crc_extra} instead of {extra}: "
+                "regenerate with dialects/regenerate.py"
+            )
+    return Dialect(messages)
+
+
+def _message(id: int, cls: Any) -> Message:
+    kinds = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
+    lengths = dict(zip(cls.ordered_fieldnames, cls.array_lengths, strict=True))
+    fields = tuple((name, kinds[name], lengths[name]) for name in cls.ordered_fieldnames)
+    return Message(id, cls.msgname, cls.crc_extra, fields, dict(cls.fieldunits_by_name))
