@@ -1,0 +1,145 @@
+"""Events: what the monitor says, one frozen type each, written as JSON lines under one version.
+
+`docs/reference/events.schema.json` describes the lines; fields are only ever added. Every line has
+`type`, `t` (vehicle clock, s), `t_unix_us` (stamp of the datum that caused it) and `vehicle`
+("sysid.compid"); the first line of a stream says `"schema": "gcs_health.events/1"` besides.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+
+SCHEMA = "gcs_health.events/1"
+
+Scalar = str | int | float | bool | None
+Value = Scalar | tuple["Value", ...] | dict[str, "Value"]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleEvent:
+    """What is known of a vehicle; said when first seen and whenever it changes.
+
+    Attributes
+    ----------
+    t, t_unix_us, vehicle : the common head.
+    change : what changed: "seen", "airframe", "telemetry", "clock", "link", "notice".
+    text : the change in one sentence.
+    autopilot, vehicle_type : MAV_AUTOPILOT and MAV_TYPE; None if unheard.
+    airframe : name, source, metric, rotors and warnings; None while unknown.
+    """
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    change: str
+    text: str
+    autopilot: int | None = None
+    vehicle_type: int | None = None
+    airframe: dict[str, Value] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateEvent:
+    """One estimate of one rotor; `rotor` is its 0-based ESC index, `motor` the autopilot's number."""
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    estimator: str
+    rotor: int
+    motor: int
+    quantity: str
+    value: float
+    std: float
+    failure_probability: float
+    status: str
+    reasons: tuple[str, ...]
+    detectable: float
+
+
+@dataclass(frozen=True, slots=True)
+class AlertEvent:
+    """One step of an alert: `state` is raised, updated or cleared; `severity` is a MAV_SEVERITY."""
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    id: str
+    code: str
+    rotor: int
+    motor: int
+    state: str
+    severity: int
+    probability: float
+    text: str
+    evidence: dict[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class SummaryEvent:
+    """One vehicle at the end of the input.
+
+    Attributes
+    ----------
+    duration : seconds of vehicle time from first to last sample.
+    rates : received rate of each message [Hz], by name.
+    gaps : count, longest [s] and total [s] of the silences.
+    counters : frames and bytes, kept and dropped, by reason (of the whole stream).
+    rotors : one object a rotor: rotor, motor, final and worst state.
+    alerts : the alerts raised: id, code, motor, t, text, state at the end.
+    """
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    duration: float
+    rates: dict[str, Value]
+    gaps: dict[str, Value]
+    counters: dict[str, Value]
+    notes: tuple[str, ...]
+    rotors: tuple[Value, ...]
+    alerts: tuple[Value, ...]
+
+
+Event = VehicleEvent | EstimateEvent | AlertEvent | SummaryEvent
+
+_TYPE = {
+    VehicleEvent: "vehicle",
+    EstimateEvent: "estimate",
+    AlertEvent: "alert",
+    SummaryEvent: "summary",
+}
+_FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in _TYPE}
+
+
+def to_json(event: Event, first: bool = False) -> str:
+    """Return one JSON object without line end; `first` adds the schema's name.
+
+    NaN and infinities become null: JSON has neither. Floats are written by repr, so that equal values
+    give equal bytes.
+    """
+    kind = type(event)
+    line: dict[str, object] = {"schema": SCHEMA} if first else {}
+    line["type"] = _TYPE[kind]
+    for name in _FIELDS[kind]:
+        line[name] = _plain(getattr(event, name))
+    return json.dumps(line, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def lines(events: Iterable[Event]) -> Iterator[str]:
+    """Yield the JSON lines of a whole stream of events, the first with the schema's name."""
+    first = True
+    for event in events:
+        yield to_json(event, first)
+        first = False
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
