@@ -23,9 +23,11 @@ from gcs_health.mavlink.framing import (
     Integers,
     Stop,
     first_fault,
+    frame_end,
     good_record,
     hunt,
     message_ids,
+    rows,
     sequence_faults,
     walk,
 )
@@ -52,13 +54,12 @@ class FrameBatch:
     Attributes
     ----------
     data : the bytes.
-    starts, ends : (n,) places of each frame, magic byte to last byte.
+    starts : (n,) where each frame's magic byte stands.
     stamps : (n,) UNIX µs of each frame.
     """
 
     data: bytes
     starts: list[int]
-    ends: list[int]
     stamps: list[int]
 
     def __len__(self) -> int:
@@ -66,22 +67,22 @@ class FrameBatch:
 
     def __iter__(self) -> Iterator[Frame]:
         data = self.data
-        for start, after, stamp in zip(self.starts, self.ends, self.stamps, strict=True):
+        for start, stamp in zip(self.starts, self.stamps, strict=True):
             length = data[start + 1]
             if data[start] == MAGIC_V2:
                 message = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
                 payload = data[start + 10 : start + 10 + length]
                 yield Frame(stamp, data[start + 5], data[start + 6], message, data[start + 4], payload)
             else:
-                payload = data[start + 6 : after - 2]
+                payload = data[start + 6 : start + 6 + length]
                 yield Frame(
                     stamp, data[start + 3], data[start + 4], data[start + 5], data[start + 2], payload
                 )
 
     def raw(self) -> Iterator[tuple[int, bytes]]:
         """Yield (stamp, frame as sent), for a recorder."""
-        for start, after, stamp in zip(self.starts, self.ends, self.stamps, strict=True):
-            yield stamp, self.data[start:after]
+        for start, stamp in zip(self.starts, self.stamps, strict=True):
+            yield stamp, self.data[start : frame_end(self.data, start)]
 
     @cached_property
     def columns(self) -> "FrameColumns":
@@ -99,7 +100,19 @@ class FrameBatch:
             sequence=raw[first + 2 + shift],
             payload=first + np.where(v2, 10, 6),
             length=raw[first + 1].astype(np.int64),
+            signed=v2 & (raw[first + 2] & SIGNED > 0),
         )
+
+    def signed(self) -> list[int]:
+        """Return which frames, by number, carry a signature."""
+        if len(self) >= FEW:
+            return np.flatnonzero(self.columns.signed).tolist()
+        data = self.data
+        return [k for k, s in enumerate(self.starts) if data[s] == MAGIC_V2 and data[s + 2] & SIGNED]
+
+    def choose(self, numbers: list[int]) -> "FrameBatch":
+        """Return the batch of these frames only."""
+        return FrameBatch(self.data, [self.starts[k] for k in numbers], [self.stamps[k] for k in numbers])
 
 
 class FrameColumns(NamedTuple):
@@ -113,6 +126,7 @@ class FrameColumns(NamedTuple):
     sequence: np.ndarray[Any, np.dtype[np.uint8]]
     payload: Integers
     length: Integers
+    signed: np.ndarray[Any, np.dtype[np.bool_]]
 
 
 @dataclass
@@ -176,8 +190,7 @@ class FrameDecoder:
     def _decode(self, data: bytes, receive_us: int, final: bool) -> FrameBatch:
         at, limit = 0, FIRST_RUN
         starts: list[int] = []
-        ends: list[int] = []
-        places: list[int] = []
+        bare: list[int] = []
         while at < len(data):
             if self._hunting:
                 at, found = self._hunt(data, at, final)
@@ -185,9 +198,8 @@ class FrameDecoder:
                     break
             run = walk(data, at, limit, self._stamped)
             good, fault = first_fault(data, run, self._dialect, final) if run.starts else (0, None)
+            bare += [len(starts) + k for k in run.bare if k < good]
             starts += run.starts[:good]
-            ends += run.ends[:good]
-            places += run.stamps[:good]
             if fault is None:
                 at = run.next
                 limit = min(2 * limit, LONGEST_RUN)
@@ -195,14 +207,14 @@ class FrameDecoder:
                     break
                 self._hunting = run.stop is not Stop.LIMIT
             else:
-                at = run.ends[good - 1] if good else at
+                at = frame_end(data, run.starts[good - 1]) if good else at
                 limit = FIRST_RUN
-                moved = self._pass_over(data, at, run.ends[good], fault, final)
+                moved = self._pass_over(data, at, frame_end(data, run.starts[good]), fault, final)
                 if moved is None:
                     break
                 at = moved
         self._rest = data[at:]
-        return self._keep(data, starts, ends, places, receive_us)
+        return self._keep(data, starts, bare, receive_us)
 
     def _hunt(self, data: bytes, at: int, final: bool) -> tuple[int, bool]:
         place, found = hunt(data, at, self._stamped, self._dialect.crc_extra, final)
@@ -235,14 +247,12 @@ class FrameDecoder:
         self.counters.dropped["garbage_bytes"] += 1
         return at + 1
 
-    def _keep(
-        self, data: bytes, starts: list[int], ends: list[int], places: list[int], receive_us: int
-    ) -> FrameBatch:
-        stamps = self._stamps(data, places) if self._stamped else [receive_us] * len(starts)
-        batch = FrameBatch(data, starts, ends, stamps)
+    def _keep(self, data: bytes, starts: list[int], bare: list[int], receive_us: int) -> FrameBatch:
+        stamps = self._stamps(data, starts, bare) if self._stamped else [receive_us] * len(starts)
+        batch = FrameBatch(data, starts, stamps)
         if not starts:
             return batch
-        signed = [k for k, start in enumerate(starts) if data[start] == MAGIC_V2 and data[start + 2] & SIGNED]
+        signed = batch.signed()
         if signed and self._signatures:
             batch, signed = self._verified(batch, signed)
         self.counters.frames += len(batch)
@@ -251,51 +261,56 @@ class FrameDecoder:
         self._count(batch)
         return batch
 
-    def _stamps(self, data: bytes, places: list[int]) -> list[int]:
-        stamps, last, place = [], self._stamp, -1
-        for at in places:
-            if at != place and at >= 0:
-                last, place = int.from_bytes(data[at : at + STAMP_LENGTH], "big"), at
-            stamps.append(last)
-        self._stamp = last
+    def _stamps(self, data: bytes, starts: list[int], bare: list[int]) -> list[int]:
+        if len(starts) < FEW:
+            stamps = [int.from_bytes(data[s - STAMP_LENGTH : s], "big") for s in starts]
+        else:
+            stamps = rows(data, np.array(starts) - STAMP_LENGTH, STAMP_LENGTH).view(">u8")[:, 0].tolist()
+        for k in bare:
+            stamps[k] = stamps[k - 1] if k else self._stamp
+        if stamps:
+            self._stamp = stamps[-1]
         return stamps
 
     def _verified(self, batch: FrameBatch, signed: list[int]) -> tuple[FrameBatch, list[int]]:
         assert self._signatures is not None
         drop = set()
         for k in signed:
-            verdict = self._signatures.verify(batch.data[batch.starts[k] : batch.ends[k]])
+            start = batch.starts[k]
+            verdict = self._signatures.verify(batch.data[start : frame_end(batch.data, start)])
             if verdict is not None:
                 drop.add(k)
                 self.counters.dropped[verdict] += 1
-        kept = [k for k in range(len(batch)) if k not in drop]
-        chosen = FrameBatch(
-            batch.data,
-            [batch.starts[k] for k in kept],
-            [batch.ends[k] for k in kept],
-            [batch.stamps[k] for k in kept],
-        )
-        return chosen, [k for k in signed if k not in drop]
+        return batch.choose([k for k in range(len(batch)) if k not in drop]), [
+            k for k in signed if k not in drop
+        ]
 
     def _count(self, batch: FrameBatch) -> None:
         if len(batch) < FEW:
             for frame in batch:
-                self._count_sender((frame.system, frame.component), [frame.sequence])
+                self._count_sender((frame.system, frame.component), frame.sequence)
                 if frame.message not in self._dialect.messages:
                     self.counters.unknown[frame.message] += 1
             return
         columns = batch.columns
         senders = columns.system.astype(np.int64) << 8 | columns.component
         for sender in np.unique(senders).tolist():
-            sequences = columns.sequence[senders == sender]
-            self._count_sender((sender >> 8, sender & 0xFF), sequences.tolist())
+            sequences = columns.sequence[senders == sender].astype(np.int64)
+            key = (sender >> 8, sender & 0xFF)
+            self._count_sender(key, int(sequences[0]))
+            lost, repeated = sequence_faults(sequences)
+            if lost:
+                self.counters.lost[key] += lost
+            if repeated:
+                self.counters.repeated[key] += repeated
+            self._sequence[key] = int(sequences[-1])
         strange = columns.message[~np.isin(columns.message, self._dialect.known_ids)]
         self.counters.unknown.update(strange.tolist())
 
-    def _count_sender(self, sender: tuple[int, int], sequences: list[int]) -> None:
-        lost, repeated = sequence_faults(self._sequence.get(sender), sequences)
-        self._sequence[sender] = sequences[-1]
-        if lost:
-            self.counters.lost[sender] += lost
-        if repeated:
-            self.counters.repeated[sender] += repeated
+    def _count_sender(self, sender: tuple[int, int], sequence: int) -> None:
+        missing = (sequence - self._sequence.get(sender, sequence - 1) - 1) & 0xFF
+        if missing == 0xFF:
+            self.counters.repeated[sender] += 1
+        elif 0 < missing < 0x80:  # as in sequence_faults: a small step back is a late frame
+            self.counters.lost[sender] += missing
+        self._sequence[sender] = sequence

@@ -9,7 +9,6 @@ Source: MAVLink developer guide, serialization and message signing.
 """
 
 import re
-from collections.abc import Sequence
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -22,6 +21,8 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 SIGNED = 0x01  # the only incompatibility flag there is
 SIGNATURE_LENGTH = 13
 STAMP_LENGTH = 8
+LONGEST_RECORD = STAMP_LENGTH + 12 + 255 + SIGNATURE_LENGTH
+MAGICS = (MAGIC_V1, MAGIC_V2)
 LATEST_STAMP_BYTE = 0x0E  # second byte of a stamp: 0x000E... µs is the year 2095
 MAGIC = re.compile(b"[\xfd\xfe]")
 FEW = 12  # frames below which plain Python beats numpy's fixed costs (benchmarks/decode.py)
@@ -50,14 +51,13 @@ class Walk(NamedTuple):
 
     Attributes
     ----------
-    starts, ends : of each frame, magic byte to last byte.
-    stamps : where each frame's stamp begins; -1 = the stamp of the frame before the first.
+    starts : magic byte of each frame.
+    bare : which of them (by number) stand in a .tlog without a stamp of their own.
     next : where the next record should begin.
     """
 
     starts: list[int]
-    ends: list[int]
-    stamps: list[int]
+    bare: list[int]
     next: int
     stop: Stop
 
@@ -65,43 +65,51 @@ class Walk(NamedTuple):
 def walk(data: bytes, at: int, limit: int, stamped: bool) -> Walk:
     """Follow frame after frame from `at`, at most `limit` of them, trusting the lengths."""
     starts: list[int] = []
-    ends: list[int] = []
-    stamps: list[int] = []
-    stop, end, stamp, lead = Stop.LIMIT, len(data), -1, STAMP_LENGTH if stamped else 0
-    while len(starts) < limit:
-        if at + lead >= end and (at >= end or data[at] < MAGIC_V2):
-            stop = Stop.INCOMPLETE
-            break
-        start, magic = at, data[at]
-        if magic < MAGIC_V2 and stamped:
-            if magic or data[at + 1] > LATEST_STAMP_BYTE:
-                stop = Stop.GARBAGE
-                break
+    bare: list[int] = []
+    end = len(data)
+    safe = end - LONGEST_RECORD
+    if stamped:  # nearly all records are a stamp and an unsigned v2 frame: follow these without ceremony
+        for _ in range(limit):
             start = at + STAMP_LENGTH
-            magic = data[start]
-        if magic == MAGIC_V2:
-            if start + 2 >= end:
-                stop = Stop.INCOMPLETE
+            if at > safe or data[start] != MAGIC_V2 or data[at] or data[start + 2]:
                 break
-            after = start + data[start + 1] + (12 if not data[start + 2] & SIGNED else 12 + SIGNATURE_LENGTH)
-        elif magic == MAGIC_V1:
-            if start + 1 >= end:
-                stop = Stop.INCOMPLETE
-                break
-            after = start + data[start + 1] + 8
-        else:
-            stop = Stop.GARBAGE
-            break
-        if after > end:
-            stop = Stop.INCOMPLETE
-            break
-        if start != at:
-            stamp = at
+            starts.append(start)
+            at = start + data[start + 1] + 12
+        limit -= len(starts)
+    while limit:
+        start = _start(data, at, end, stamped)
+        if isinstance(start, Stop):
+            return Walk(starts, bare, at, start)
+        if start + 2 >= end or (after := frame_end(data, start)) > end:
+            return Walk(starts, bare, at, Stop.INCOMPLETE)
+        if start == at and stamped:
+            bare.append(len(starts))
         starts.append(start)
-        ends.append(after)
-        stamps.append(stamp)
         at = after
-    return Walk(starts, ends, stamps, at, stop)
+        limit -= 1
+    return Walk(starts, bare, at, Stop.LIMIT)
+
+
+def _start(data: bytes, at: int, end: int, stamped: bool) -> int | Stop:
+    """Where the frame of the record at `at` begins, behind its stamp if it has one."""
+    if at >= end:
+        return Stop.INCOMPLETE
+    if data[at] in MAGICS:
+        return at
+    if not stamped or data[at]:
+        return Stop.GARBAGE
+    if at + STAMP_LENGTH >= end:
+        return Stop.INCOMPLETE
+    if data[at + 1] > LATEST_STAMP_BYTE or data[at + STAMP_LENGTH] not in MAGICS:
+        return Stop.GARBAGE
+    return at + STAMP_LENGTH
+
+
+def frame_end(data: bytes, start: int) -> int:
+    """Where the frame that begins at `start` ends, by its header (3 bytes of it must be there)."""
+    if data[start] == MAGIC_V1:
+        return start + data[start + 1] + 8
+    return start + data[start + 1] + (12 + SIGNATURE_LENGTH if data[start + 2] & SIGNED else 12)
 
 
 def first_fault(data: bytes, run: Walk, dialect: Dialect, final: bool) -> tuple[int, Fault | None]:
@@ -109,30 +117,30 @@ def first_fault(data: bytes, run: Walk, dialect: Dialect, final: bool) -> tuple[
 
     A frame of an unknown id has no CRC_EXTRA: it is let through if another outline follows it.
     """
-    starts, ends = run.starts, run.ends
+    starts = run.starts
     if len(starts) < FEW:
         extra_of = dialect.crc_extra
-        for k, (start, after) in enumerate(zip(starts, ends, strict=True)):
-            fault = check(data, start, after, extra_of)
+        for k, start in enumerate(starts):
+            fault = check(data, start, extra_of)
             if fault is Fault.UNDECIDED and (k + 1 < len(starts) or final):
                 continue
             if fault is not None:
                 return k, fault
         return len(starts), None
-    return _first_fault_of_many(data, starts, ends, dialect, final)
+    return _first_fault_of_many(data, starts, dialect, final)
 
 
-def check(data: bytes, start: int, after: int, extra_of: dict[int, int]) -> Fault | None:
-    """Check one whole frame; UNDECIDED for an id whose CRC_EXTRA is not known."""
+def check(data: bytes, start: int, extra_of: dict[int, int]) -> Fault | None:
+    """Check the whole frame at `start`; UNDECIDED for an id whose CRC_EXTRA is not known."""
     if data[start] == MAGIC_V2:
         incompat = data[start + 2]
         if incompat & ~SIGNED:
             return Fault.INCOMPAT
         message = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
-        crc_at = after - 2 - (SIGNATURE_LENGTH if incompat else 0)
+        crc_at = start + 10 + data[start + 1]
     else:
         message = data[start + 5]
-        crc_at = after - 2
+        crc_at = start + 6 + data[start + 1]
     extra = extra_of.get(message)
     if extra is None:
         return Fault.UNDECIDED
@@ -144,13 +152,13 @@ def check(data: bytes, start: int, after: int, extra_of: dict[int, int]) -> Faul
 
 
 def _first_fault_of_many(
-    data: bytes, starts: list[int], ends: list[int], dialect: Dialect, final: bool
+    data: bytes, starts: list[int], dialect: Dialect, final: bool
 ) -> tuple[int, Fault | None]:
     raw = np.frombuffer(data, np.uint8)
     first = np.array(starts)
     v2 = raw[first] == MAGIC_V2
     flags = np.where(v2, raw[first + 2], 0).astype(np.int64)
-    crc_at = np.array(ends) - 2 - SIGNATURE_LENGTH * (flags & SIGNED)
+    crc_at = first + raw[first + 1] + np.where(v2, 10, 6)
     place, known = _known(dialect, message_ids(raw, first, v2))
     # One C call a frame beats a table walked column by column: 0.2 against 0.35 µs (benchmarks/decode.py)
     crc = np.fromiter(
@@ -168,7 +176,13 @@ def _first_fault_of_many(
     k = int(np.argmin(good))
     if good[k]:
         return len(starts), None
-    return k, check(data, starts[k], ends[k], dialect.crc_extra)
+    return k, check(data, starts[k], dialect.crc_extra)
+
+
+def rows(data: bytes, at: Integers, length: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Gather `length` bytes from each of the places `at`: (n, length), a copy."""
+    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), length)
+    return windows[at]
 
 
 def message_ids(raw: np.ndarray[Any, np.dtype[np.uint8]], first: Integers, v2: Any) -> Integers:
@@ -189,7 +203,7 @@ def good_record(data: bytes, at: int, stamped: bool, extra_of: dict[int, int]) -
     run = walk(data, at, 1, stamped)
     if not run.starts:
         return None if run.stop is Stop.INCOMPLETE else False
-    return check(data, run.starts[0], run.ends[0], extra_of) is None
+    return check(data, run.starts[0], extra_of) is None
 
 
 def hunt(
@@ -217,18 +231,10 @@ def hunt(
     return max(at, len(data) - lead), False
 
 
-def sequence_faults(last: int | None, seqs: Sequence[int]) -> tuple[int, int]:
-    """Count what the sequence numbers of one sender say: frames lost, frames repeated.
+def sequence_faults(sequences: Integers) -> tuple[int, int]:
+    """Count what one sender's sequence numbers (n,) say: frames lost, frames repeated.
 
     A step back by less than half the range is a late frame, not 200 lost ones.
     """
-    lost = repeated = 0
-    for seq in seqs:
-        if last is not None:
-            missing = (seq - last - 1) & 0xFF
-            if missing == 0xFF:
-                repeated += 1
-            elif missing < 0x80:
-                lost += missing
-        last = seq
-    return lost, repeated
+    missing = (np.diff(sequences) - 1) & 0xFF
+    return int(missing[missing < 0x80].sum()), int((missing == 0xFF).sum())
