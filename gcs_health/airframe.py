@@ -1,5 +1,6 @@
 """Where each rotor sits, which way it spins, and what one healthy rotor does to the vehicle."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -67,3 +68,17 @@ class Airframe:
     inertia: tuple[float, float, float] | None = None  # [kg m²] about x, y, z
     effectiveness: Effectiveness = Effectiveness()
     warnings: tuple[str, ...] = ()
+
+    def seat(self, rotor: int) -> str:
+        """Say in words where rotor `rotor` sits and how it spins: "front right, CCW"."""
+        x, y, z = self.rotors[rotor].position
+        reach = max(math.hypot(r.position[0], r.position[1]) for r in self.rotors)
+        # a third of the reach: a hexacopter's rotor at 90° is "right", one at 30° is "front right"
+        along = "front" if x > reach / 3 else "rear" if x < -reach / 3 else ""
+        across = "right" if y > reach / 3 else "left" if y < -reach / 3 else ""
+        place = f"{along} {across}".strip() or "middle"
+        pair = [r for r in self.rotors if math.dist(r.position[:2], (x, y)) < 0.1 * reach]
+        if len(pair) > 1:
+            place += " top" if z < max(r.position[2] for r in pair) else " bottom"
+        spin = {1: "CCW", -1: "CW", 0: "spin unknown"}[self.rotors[rotor].spin]
+        return f"{place}, {spin}"

@@ -1,0 +1,140 @@
+"""The vehicle file: TOML under `gcs_health.vehicle/1` to an `Airframe`, every error naming file and key."""
+
+import difflib
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Rotor
+from gcs_health.errors import AirframeError
+
+SCHEMA = "gcs_health.vehicle/1"
+MIN_ROTORS, MAX_ROTORS = 3, 12
+
+_TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness"}
+_ROTOR = {"motor", "esc", "position", "spin", "radius"}
+_EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
+
+
+def load_vehicle(path: str | Path) -> Airframe:
+    """Read and check a vehicle file.
+
+    Raises
+    ------
+    AirframeError : one line: "quad.toml: rotor[2].spin: expected 'cw' or 'ccw', got 'left'".
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        raise AirframeError(f"{path}: expected a vehicle file in TOML, this is not text") from None
+    except OSError as error:
+        raise AirframeError(f"{path}: cannot read the vehicle file: {error.strerror}") from None
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise AirframeError(f"{path}: not valid TOML: {error}") from None
+    return _Reader(path.name).airframe(table)
+
+
+class _Reader:
+    """Checks a parsed file; `_at` names file and key in every complaint."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+
+    def airframe(self, table: dict[str, Any]) -> Airframe:
+        self._keys(table, _TOP, "")
+        if table.get("schema") != SCHEMA:
+            self._fail("schema", f"expected {SCHEMA!r}, got {table.get('schema')!r}")
+        name = table.get("name", self._file)
+        if not isinstance(name, str):
+            self._fail("name", f"expected text, got {name!r}")
+        inertia = self._vector(table["inertia"], "inertia", positive=True) if "inertia" in table else None
+        return Airframe(
+            name=name,
+            rotors=self._rotors(table.get("rotor")),
+            source=AirframeSource.FILE,
+            mass=self._optional(table, "mass", ""),
+            inertia=inertia,
+            effectiveness=self._effectiveness(table.get("effectiveness", {})),
+        )
+
+    def _rotors(self, rows: Any) -> tuple[Rotor, ...]:
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            self._fail("rotor", "expected one [[rotor]] table per rotor")
+        if not MIN_ROTORS <= len(rows) <= MAX_ROTORS:
+            self._fail("rotor", f"expected {MIN_ROTORS} to {MAX_ROTORS} rotors, got {len(rows)}")
+        rotors = [self._rotor(row, f"rotor[{k}]") for k, row in enumerate(rows)]
+        for key, value_of in _UNIQUE.items():
+            values = [value_of(rotor) for rotor in rotors]
+            for k, value in enumerate(values):
+                if value in values[:k]:
+                    first = values.index(value)
+                    self._fail(f"rotor[{k}].{key}", f"{value} is already that of rotor[{first}]")
+        if not any(rotor.position[0] for rotor in rotors) or not any(rotor.position[1] for rotor in rotors):
+            self._fail("rotor", "the positions do not spread forward and right: no moment can be told")
+        return tuple(sorted(rotors, key=lambda rotor: rotor.motor))
+
+    def _rotor(self, row: dict[str, Any], at: str) -> Rotor:
+        self._keys(row, _ROTOR, f"{at}.")
+        for key in ("motor", "position", "spin"):
+            if key not in row:
+                self._fail(f"{at}.{key}", "is missing")
+        motor = self._integer(row["motor"], f"{at}.motor", 1)
+        spin = {"ccw": 1, "cw": -1}.get(row["spin"] if isinstance(row["spin"], str) else "")
+        if spin is None:
+            self._fail(f"{at}.spin", f"expected 'cw' or 'ccw', got {row['spin']!r}")
+        return Rotor(
+            motor=motor,
+            esc=self._integer(row["esc"], f"{at}.esc", 0) if "esc" in row else motor - 1,
+            position=self._vector(row["position"], f"{at}.position"),
+            spin=spin,  # type: ignore[arg-type]
+            radius=self._optional(row, "radius", f"{at}."),
+        )
+
+    def _effectiveness(self, row: Any) -> Effectiveness:
+        if not isinstance(row, dict):
+            self._fail("effectiveness", "expected a table")
+        self._keys(row, _EFFECTIVENESS, "effectiveness.")
+        return Effectiveness(**{key: self._optional(row, key, "effectiveness.") for key in row})
+
+    def _keys(self, table: dict[str, Any], known: set[str], at: str) -> None:
+        for key in table:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, 1)
+                hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
+                self._fail(f"{at}{key}", f"unknown key; {hint}")
+
+    def _optional(self, table: dict[str, Any], key: str, at: str) -> float | None:
+        return self._number(table[key], f"{at}{key}", positive=True) if key in table else None
+
+    def _number(self, value: Any, at: str, positive: bool = False) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            self._fail(at, f"expected a number, got {value!r}")
+        if positive and value <= 0:
+            self._fail(at, f"expected a number above 0, got {value!r}")
+        return float(value)
+
+    def _integer(self, value: Any, at: str, least: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            self._fail(at, f"expected a whole number from {least} on, got {value!r}")
+        return int(value)
+
+    def _vector(self, value: Any, at: str, positive: bool = False) -> tuple[float, float, float]:
+        if not isinstance(value, list) or len(value) != 3:
+            self._fail(at, f"expected three numbers [x, y, z], got {value!r}")
+        x, y, z = (self._number(item, f"{at}[{k}]", positive) for k, item in enumerate(value))
+        return x, y, z
+
+    def _fail(self, at: str, what: str) -> Any:
+        raise AirframeError(f"{self._file}: {at}: {what}")
+
+
+_UNIQUE: dict[str, Callable[[Rotor], Any]] = {
+    "motor": lambda rotor: rotor.motor,
+    "esc": lambda rotor: rotor.esc,
+    "position": lambda rotor: rotor.position,
+}
