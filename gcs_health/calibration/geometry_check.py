@@ -22,12 +22,12 @@ from gcs_health.calibration.control_effectiveness import MomentRegression
 class GeometryConfig:
     """When a geometry is called contradicted."""
 
-    least_time: float = 2.0  # s of data
-    strong_f: float = 8.0
+    least_time: float = 4.0  # s of data
+    strong_f: float = 10.0
     strong_share: float = 0.3  # R² of the free fit
     strong_cos: float = 0.25
     strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
-    weak_f: float = 4.0
+    weak_f: float = 10.0
     weak_cos: float = 0.0
     agree_cos: float = 0.7
 

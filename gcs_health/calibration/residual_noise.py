@@ -21,6 +21,7 @@ class NoiseConfig:
     """How fast the residual's baseline is learned, and between which bounds."""
 
     typical: tuple[float, float, float, float] = (6.0, 6.0, 3.0, 2.0)  # sheet 5, rule 2
+    typical_share: float = 0.12  # of one rotor's part in hover; 6 of the Bebop's 49 rad/s², this project
     floor: tuple[float, float, float, float] = (0.25, 0.25, 0.25, 0.04)  # variances; sheet 1, 6
     offset_time: float = 1.5  # s
     offset_first_time: float = 0.5  # s, after the gate opened
@@ -46,6 +47,19 @@ class ResidualNoise:
         self._recent: deque[tuple[float, ...]] = deque()
         self._recent_sum = [0.0] * ROWS
         self._sum_variance = [s * s for s in config.typical]  # of the sum divided by its length
+
+    def expect(self, roll: float, pitch: float) -> None:
+        """Scale what is typical to the craft: one rotor's roll and pitch acceleration in hover [rad/s²].
+
+        Small craft turn faster and shake harder. Only before anything was learned.
+        """
+        if self.learned_time > 0.0:
+            return
+        for row, hover in enumerate((roll, pitch)):
+            sigma = max(self.config.typical[row], self.config.typical_share * hover)
+            for variance in self.variance:
+                variance[row] = sigma * sigma
+            self._sum_variance[row] = sigma * sigma
 
     def restart(self) -> None:
         """The gate opened: the offset starts anew, no sum reaches across; variances are kept."""
@@ -75,6 +89,7 @@ class ResidualNoise:
             offset_time = c.offset_first_time if since_open < c.offset_time else c.offset_time
             offset_gain = min(1.0, dt / min(offset_time, max(0.1, since_open)))
         clip2 = c.noise_clip * c.noise_clip
+        share = 1.0 / inflation
         taken = []
         for row in range(ROWS):
             d = e[row] - self.offset[row]
@@ -85,16 +100,16 @@ class ResidualNoise:
             square = d * d
             if square > clip2 * now:
                 square = clip2 * now
-            variance[row] = max(variance[row] + gain * (square - variance[row]), c.floor[row])
+            variance[row] = max(variance[row] + gain * (square * share - variance[row]), c.floor[row])
             if age == 0:
                 limit = c.offset_clip * now**0.5
                 step = limit if d > limit else (-limit if d < -limit else d)
                 self.offset[row] += offset_gain * step
                 taken.append(step)
         if age == 0:
-            self._learn_coherence(taken, dt, gain, inflation)
+            self._learn_coherence(taken, dt, gain, share)
 
-    def _learn_coherence(self, taken: list[float], dt: float, gain: float, inflation: float) -> None:
+    def _learn_coherence(self, taken: list[float], dt: float, gain: float, share: float) -> None:
         length = max(1, round(self.config.coherence_time / dt))
         recent, sums = self._recent, self._recent_sum
         recent.append(tuple(taken))
@@ -108,7 +123,7 @@ class ResidualNoise:
             return
         variance = self.variance[0]
         for row in range(ROWS):
-            mean_square = sums[row] * sums[row] / length
+            mean_square = sums[row] * sums[row] / length * share
             limit = 12.0 * length * variance[row]
             self._sum_variance[row] += gain * (min(mean_square, limit) - self._sum_variance[row])
             ratio = self._sum_variance[row] / variance[row]

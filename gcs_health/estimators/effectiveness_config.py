@@ -26,10 +26,11 @@ class RecommendedConfig:
     slow_rotor_speeds: float = 0.04  # s between them
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
+    shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away
     drag_scale: float = 4.0  # m/s², from one small craft
     body_rate_scale: float = 4.0  # rad/s, likewise
     motion_time: float = 0.2  # s, low pass of both, so that a fault does not blind itself
-    model_error: tuple[float, float] = (0.02, 0.25)
+    model_error: tuple[float, float] = (0.02, 0.5)
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
     freeze_at_most: float = 1.0  # s on end; this project
     check_every: float = 0.5  # s between looks at gains and geometry

@@ -61,6 +61,8 @@ class RecommendedBank:
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._strikes = 0
+        self._fresh_fits: list[geometry_check.AxisFit] = []
+        self._settled_fits: list[geometry_check.AxisFit] = []
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
@@ -143,6 +145,8 @@ class RecommendedBank:
     def _start_over(self, speeds: list[float], opened: bool) -> None:
         """No window, no block, no offset reaches across a closed gate."""
         if opened:
+            squares = self.hover * self.hover
+            self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
             self._speeds = speeds
@@ -180,7 +184,7 @@ class RecommendedBank:
         self._speeds = speeds
         noise = self.noise
         variances = noise.variances(0, 0.0, step.inflation)
-        self.bank.add_final(contribution(left, noise.offset, variances))
+        self.bank.add_final(contribution(left, noise.offset, variances), -left.e[3])
         fell = self._judge(step.tick.t)
         self._final_row = self._row
         if self.failed is None:
@@ -197,7 +201,7 @@ class RecommendedBank:
         late = max(0.0, step.tick.t - self.track.covered - shift)
         noise = self.noise
         variances = noise.variances(age, late, step.inflation)
-        self.bank.add_provisional(contribution(left, noise.offset, variances))
+        self.bank.add_provisional(contribution(left, noise.offset, variances), -left.e[3])
         if step.tick.t > self._newest_learned:
             self._newest_learned = step.tick.t
             if step.tick.t > self._frozen_until and self.failed is None:
@@ -253,7 +257,10 @@ class RecommendedBank:
         for k, value in enumerate((*predicted, roll, pitch)):
             mean[k] += gain * (value - mean[k])
         x = (predicted[0] - mean[0], predicted[1] - mean[1])
-        self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))
+        if self.track.interval < c.shift_rotor_speeds and self.tick_length < c.shift_rotor_speeds:
+            moved = self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))
+            if moved:  # what was gathered paired rates with the wrong speeds
+                self.regression = MomentRegression(self.rotors, c.prior)
         self._checked += dt
         if self._checked >= c.check_every:
             self._checked = 0.0
@@ -265,7 +272,8 @@ class RecommendedBank:
             self.gains.learn_moments(
                 self.regression.axis(0, self.gains.roll), self.regression.axis(1, self.gains.pitch)
             )
-        fits = self._fits()
+        self._settled_fits = self._fresh_fits
+        fits = self._fresh_fits = self._fits()
         g = self.config.geometry
         if geometry_check.contradicted(fits, g):
             self._strikes += 1
@@ -288,4 +296,5 @@ class RecommendedBank:
         return [fit for fit in found if fit is not None]
 
     def _geometry_doubtful(self) -> bool:
-        return geometry_check.doubtful(self._fits(), self.config.geometry)
+        # the fits of half a second ago and more: a fault bends the newest ones
+        return geometry_check.doubtful(self._settled_fits, self.config.geometry)

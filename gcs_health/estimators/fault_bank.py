@@ -15,10 +15,13 @@ Source: sheet 1 section 7, steps 4 and 5; sheet 5 section 3 rule 4.
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gcs_health.gate import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -39,6 +42,7 @@ class BankConfig:
     shape_share: float = 0.6
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
+    knock: float = 0.8 * GRAVITY  # m/s², largest upward excess of one tick in it
 
 
 class Verdict(NamedTuple):
@@ -65,32 +69,50 @@ class FaultBank:
         self.config = config
         self.rotors = rotors
         self.rows = rows  # measurement rows in use, for the degrees of freedom
-        self._lengths = np.arange(1, config.max_ticks + 1, dtype=np.float64)[:, None]
+        # so many sigmas that the largest of L ticks of noise exceeds them once in twenty windows
+        chance = [1.0 - 0.95 ** (1.0 / length) for length in range(1, config.max_ticks + 1)]
+        self._knock_sigmas = [math.inf, *[NormalDist().inv_cdf(1.0 - p) for p in chance]]
         self.clear()
 
     def clear(self) -> None:
         """Forget every tick: no window reaches across a closed gate."""
-        shape = (self.config.max_ticks, 2 * self.rotors + 2)
+        shape = (self.config.max_ticks, 2 * self.rotors + 1)
         self._final: Array = np.zeros(shape)
         self._now: Array = np.zeros(shape)
+        self._excess: list[float] = []  # upward excess of each tick [m/s²], as many as `ticks`
+        self._provisional = 0
         self.final_ticks = 0
         self.ticks = 0
 
-    def add_final(self, contribution: list[float]) -> None:
-        """Add one tick, [n_1..n_n, d_1..d_n, q, e], that will not change; drops provisional ones."""
+    def add_final(self, contribution: list[float], excess: float) -> None:
+        """Add one tick that will not change: [n_1..n_n, d_1..d_n, q] and its upward excess [m/s²].
+
+        Call `drop_provisional` before the first.
+        """
         self._push(self._final, contribution)
         self._now[:] = self._final
         self.final_ticks = self.ticks = min(self.final_ticks + 1, self.config.max_ticks)
+        self._remember(excess)
 
     def drop_provisional(self) -> None:
         """Go back to the final ticks."""
-        self._now[:] = self._final
-        self.ticks = self.final_ticks
+        if self._provisional:
+            self._now[:] = self._final
+            self.ticks = self.final_ticks
+            del self._excess[-self._provisional :]
+            self._provisional = 0
 
-    def add_provisional(self, contribution: list[float]) -> None:
+    def add_provisional(self, contribution: list[float], excess: float) -> None:
         """Add one tick whose rotor speeds may still change."""
         self._push(self._now, contribution)
         self.ticks = min(self.ticks + 1, self.config.max_ticks)
+        self._provisional += 1
+        self._remember(excess)
+
+    def _remember(self, excess: float) -> None:
+        self._excess.append(excess)
+        if len(self._excess) > 4 * self.config.max_ticks:
+            del self._excess[: 2 * self.config.max_ticks]
 
     @staticmethod
     def _push(sums: Array, contribution: list[float]) -> None:
@@ -131,7 +153,6 @@ class FaultBank:
         row = int(llr[:, rotor].argmax())
         ticks = row + first + 1
         q = float(self._now[first + row, 2 * n])
-        excess = float(self._now[first + row, 2 * n + 1])
         loss = float(free[row, rotor])
         share = 2.0 * top / q if q > 0.0 else 0.0
         chi2 = (q - 2.0 * top) / max(self.rows * ticks - 1, 1)
@@ -140,10 +161,21 @@ class FaultBank:
             and top - second > c.lead
             and c.free_theta_low <= loss <= c.free_theta_high
             and (share > c.shape_share or chi2 < c.shape_chi2)
-            and excess < c.excess_sigmas * excess_sigma * math.sqrt(ticks)
+            and self._lift_plausible(ticks, excess_sigma)
         )
         std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
         return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)
+
+    def _lift_plausible(self, ticks: int, sigma: float) -> bool:
+        """Whether no upward push lies in the window: a lost rotor only removes lift.
+
+        Judged on the window's mean and on its largest tick, so that one short knock at a low message
+        rate, where sigma is large, is not averaged away.
+        """
+        excess = self._excess[-ticks:]
+        if sum(excess) > self.config.excess_sigmas * sigma * math.sqrt(ticks):
+            return False
+        return max(excess) <= max(self.config.knock, self._knock_sigmas[ticks] * sigma)
 
     def likelihoods(self, tick_length: float) -> list[float]:
         """Return the largest log likelihood ratio of each rotor over all windows, never below 0."""

@@ -88,7 +88,7 @@ def residual(
 
 
 def contribution(left: Residual, offset: list[float], variances: list[float]) -> list[float]:
-    """Return [n_1 .. n_n, d_1 .. d_n, q, upward excess] of one tick for the fault bank.
+    """Return [n_1 .. n_n, d_1 .. d_n, q] of one tick for the fault bank.
 
     `offset` (4) and `variances` (4) are the residual's baseline at this age; the model error is added.
     """
@@ -109,4 +109,4 @@ def contribution(left: Residual, offset: list[float], variances: list[float]) ->
             v = column[i]
             N[i] -= v * rw
             D[i] += v * v * weight
-    return [*N, *D, total, -e[3]]
+    return [*N, *D, total]

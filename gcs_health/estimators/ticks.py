@@ -23,6 +23,26 @@ class Tick(NamedTuple):
     r: float
 
 
+class UsualStep:
+    """The usual time between messages: median of the last nine, so that no gap and no burst moves it."""
+
+    def __init__(self) -> None:
+        self.value = math.nan  # [s]
+        self._recent: list[float] = []
+
+    def feed(self, dt: float) -> None:
+        """Take one step [s]."""
+        recent = self._recent
+        recent.append(dt)
+        if self.value != self.value or len(recent) >= 9:
+            ordered = sorted(recent)
+            self.value = ordered[len(ordered) // 2]
+            if len(recent) >= 9:
+                recent.clear()
+        elif len(recent) == 3:
+            self.value = min(self.value, sorted(recent)[1])  # the very first step may have been a gap
+
+
 class ImuBlocks:
     """Averages a fast IMU to blocks of about `length` s; passes one slower than that on unchanged.
 
@@ -32,10 +52,9 @@ class ImuBlocks:
 
     def __init__(self, length: float) -> None:
         self.length = length  # [s]
-        self.step = math.nan  # [s] usual time between messages
+        self._step = UsualStep()
         self.last_t = -math.inf
         self.dropped = 0
-        self._seen = 0
         self._count = 0
         self._sums = [0.0] * 7
 
@@ -50,7 +69,7 @@ class ImuBlocks:
         dt = t - self.last_t
         self.last_t = t
         if dt < math.inf:
-            self._learn_step(dt)
+            self._step.feed(dt)
             if self._count and dt > 2.5 * self.step and dt > 0.5 * self.length:
                 done = self._flush()
         sums = self._sums
@@ -67,18 +86,16 @@ class ImuBlocks:
         return done
 
     @property
+    def step(self) -> float:
+        """Usual time between messages [s], NaN before the second."""
+        return self._step.value
+
+    @property
     def per_block(self) -> int:
         """Messages averaged into one tick."""
-        # .75: at 100 Hz and below every message is a tick, at 125 Hz too
-        return max(1, int(self.length / self.step + 0.25)) if self.step > 0.0 else 1
-
-    def _learn_step(self, dt: float) -> None:
-        if self._seen == 0:
-            self.step = dt
-        else:
-            clipped = min(max(dt, 0.5 * self.step), 2.0 * self.step)
-            self.step += (clipped - self.step) / min(self._seen + 1, 50)
-        self._seen += 1
+        step = self._step.value
+        # .25: at 100 Hz and below every message is a tick, at 125 Hz too
+        return max(1, int(self.length / step + 0.25)) if step > 0.0 else 1
 
     def _flush(self) -> Tick:
         share = 1.0 / self._count
@@ -94,7 +111,6 @@ class RotorTrack:
     Attributes
     ----------
     covered : time up to which every rotor's speed is bracketed by samples [s]; -inf while one has none.
-    interval : usual time between samples [s], NaN while unknown.
     late : samples dropped because they were not newer than the last of their rotor.
     """
 
@@ -104,9 +120,8 @@ class RotorTrack:
         self.times: list[list[float]] = [[] for _ in range(rotors)]
         self.speeds: list[list[float]] = [[] for _ in range(rotors)]
         self.covered = -math.inf
-        self.interval = math.nan
         self.late = 0
-        self._seen = 0
+        self._step = UsualStep()
 
     def feed(self, reading: RotorReading, shift: float = 0.0) -> bool:
         """Take one reading, its times moved by `shift` [s]; return whether `covered` moved."""
@@ -134,15 +149,14 @@ class RotorTrack:
         if covered <= self.covered:
             return False
         if self.covered > -math.inf:
-            dt = covered - self.covered
-            if self._seen == 0:
-                self.interval = dt
-            else:
-                clipped = min(max(dt, 0.5 * self.interval), 2.0 * self.interval)
-                self.interval += (clipped - self.interval) / min(self._seen + 1, 30)
-            self._seen += 1
+            self._step.feed(covered - self.covered)
         self.covered = covered
         return True
+
+    @property
+    def interval(self) -> float:
+        """Usual time between samples [s], NaN while unknown."""
+        return self._step.value
 
     def reported(self, rotor: int) -> bool:
         """Whether this rotor has ever given a speed."""
