@@ -142,12 +142,12 @@ class Level:
         self.prior = prior
         self.thrust = 0.0
         self._time = 0.0
-        self._u = self._a = 0.0  # 0.3 s means
         self._steady = math.inf  # lowest ratio so far
         self._sums = [0.0, 0.0]  # a u, u u on the level
         self._high = [0.0, 0.0, 0.0]  # xx, xy, yy of the high-passed 0.1 s means
         self._fast = [0.0, 0.0]
         self._slow = [0.0, 0.0]
+        self._half = [0.0, 0.0]  # 0.5 s means
         self._flown = 0.0
 
     def feed(self, dt: float, az: float, squares: float, airborne: bool) -> bool:
@@ -165,16 +165,24 @@ class Level:
             self._slow[k] += slow * (value - self._slow[k])
         x = self._fast[0] - self._slow[0]
         y = self._fast[1] - self._slow[1]
-        keep = math.exp(-dt / self.prior.memory)
-        for k, value in enumerate((x * x, x * y, y * y)):
-            self._high[k] = keep * self._high[k] + value * dt
-        ratio = self._fast[1] / self._fast[0]
-        if self._time < 0.3:
+        gain = min(1.0, dt / 0.5)
+        for k, value in enumerate((squares, -az)):
+            if self._time == dt:
+                self._half[k] = value
+            self._half[k] += gain * (value - self._half[k])
+        ratio = self._half[1] / self._half[0]
+        if self._time < 0.5:
             return False
-        if ratio < 0.8 * self._steady:
+        if ratio < 0.75 * self._steady < math.inf:
             # far more lift than thought possible: what was learned before was the ground's
             self._sums = [0.0, 0.0]
-            self._flown = 0.0
+            self._high = [0.0, 0.0, 0.0]
+            self._slow = list(self._fast)
+            self._flown = self._time = 0.0
+            self._steady = ratio
+            self.thrust = 0.0
+            return True
+        elif self._steady == math.inf:
             self._steady = ratio
         elif ratio < self._steady:
             self._steady += min(1.0, dt / 0.3) * (ratio - self._steady)
@@ -185,6 +193,8 @@ class Level:
         keep = math.exp(-dt / self.prior.level_memory)
         self._sums[0] = keep * self._sums[0] - az * squares * dt
         self._sums[1] = keep * self._sums[1] + squares * squares * dt
+        for k, value in enumerate((x * x, x * y, y * y)):
+            self._high[k] = keep * self._high[k] + value * dt
         level = self._sums[0] / self._sums[1]
         if airborne or self._follows(level):
             self._flown += dt
@@ -198,7 +208,10 @@ class Level:
         if xx <= 0.0:
             return False
         slope = xy / xx
-        return 0.5 * level < slope < 1.6 * level and xy * xy > 0.25 * xx * yy
+        if not 0.5 * level < slope < 1.6 * level or yy <= 0.0:
+            return False
+        r2 = min(xy * xy / (xx * yy), 0.999)
+        return r2 > 0.1 and r2 / (1.0 - r2) * self._time / 0.2 > 12.0
 
 
 class MomentRegression:
