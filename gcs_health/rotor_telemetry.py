@@ -107,7 +107,7 @@ class RotorTelemetry:
         """Take the order of rotors and which ESC is whose."""
         self._count = len(airframe.rotors)
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
-        self._channel_of = tuple(rotor.motor - 1 for rotor in airframe.rotors)
+        self._channel_of = tuple(rotor.esc for rotor in airframe.rotors)
 
     def feed(self, t: float, sample: Sample) -> RotorReading | CommandReading | None:
         """Return what is new of the rotors at vehicle time `t` [s]; None if nothing is."""

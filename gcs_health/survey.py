@@ -1,9 +1,18 @@
 """What is in a stream: who speaks, how often, what is missing. The facts behind `gcs-health info`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from gcs_health.airframe import Airframe
 from gcs_health.needs import Need
+
+if TYPE_CHECKING:
+    from gcs_health.mavlink.frames import FrameBatch
+
+_MANY = 12  # frames from which arrays are faster than a loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,23 +68,21 @@ class Survey:
 
 @dataclass(slots=True)
 class Tally:
-    """Running count of one message of one system."""
+    """Running count of one message of one sender; times in UNIX µs."""
 
     count: int = 0
     first_us: int = 0
     last_us: int = 0
     longest_us: int = 0
 
-    def add(self, receive_us: int) -> None:
-        """Count one arrival."""
+    def add(self, first_us: int, last_us: int, count: int = 1, longest_us: int = 0) -> None:
+        """Count arrivals from `first_us` to `last_us`, `longest_us` the longest silence among them."""
         if self.count:
-            silence = receive_us - self.last_us
-            if silence > self.longest_us:
-                self.longest_us = silence
+            self.longest_us = max(self.longest_us, longest_us, first_us - self.last_us)
         else:
-            self.first_us = receive_us
-        self.count += 1
-        self.last_us = receive_us
+            self.first_us, self.longest_us = first_us, longest_us
+        self.count += count
+        self.last_us = last_us
 
     @property
     def rate(self) -> float:
@@ -86,19 +93,64 @@ class Tally:
 
 @dataclass(slots=True)
 class Census:
-    """Counts every sample by who sent it and what it was."""
+    """Counts every frame by who sent it and what it was."""
 
     tallies: dict[tuple[int, int, int], Tally] = field(default_factory=dict)
 
-    def add(self, system: int, component: int, message: int, receive_us: int) -> None:
-        """Count one sample."""
+    def add(self, batch: "FrameBatch") -> None:
+        """Count the frames of a batch."""
+        if len(batch) < _MANY:
+            for frame in batch:
+                self._tally(frame.system, frame.component, frame.message).add(
+                    frame.receive_us, frame.receive_us
+                )
+            return
+        columns = batch.columns
+        keys = columns.message << 16 | columns.system.astype(int) << 8 | columns.component
+        order = np.argsort(keys, kind="stable")
+        for part in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1):
+            key, at = int(keys[part[0]]), columns.receive_us[part]
+            silence = int(np.diff(at).max()) if len(at) > 1 else 0
+            tally = self._tally(key >> 8 & 0xFF, key & 0xFF, key >> 16)
+            tally.add(int(at[0]), int(at[-1]), len(at), max(silence, 0))
+
+    def senders(self) -> list[tuple[int, int]]:
+        """Return every (system, component) that spoke, in order."""
+        return sorted({(system, component) for system, component, _ in self.tallies})
+
+    def rates(self, system: int, component: int) -> dict[int, float]:
+        """Return the rate of each message of one sender [Hz], by message id."""
+        return {m: t.rate for (s, c, m), t in sorted(self.tallies.items()) if (s, c) == (system, component)}
+
+    def span(self) -> tuple[int | None, int | None]:
+        """Return the first and the last arrival [UNIX µs]; None where nothing came."""
+        tallies = self.tallies.values()
+        return (
+            min((t.first_us for t in tallies), default=None),
+            max((t.last_us for t in tallies), default=None),
+        )
+
+    def system(
+        self, sender: tuple[int, int], role: str, lost: int, name_of: Callable[[int], str]
+    ) -> SystemSurvey:
+        """Return what one sender sent."""
+        mine = {m: t for (s, c, m), t in sorted(self.tallies.items()) if (s, c) == sender}
+        return SystemSurvey(
+            system=sender[0],
+            component=sender[1],
+            role=role,
+            messages=tuple(
+                MessageSurvey(m, name_of(m), t.count, t.rate, t.longest_us * 1e-6) for m, t in mine.items()
+            ),
+            frames=sum(t.count for t in mine.values()),
+            lost=lost,
+            first_us=min(t.first_us for t in mine.values()),
+            last_us=max(t.last_us for t in mine.values()),
+        )
+
+    def _tally(self, system: int, component: int, message: int) -> Tally:
         key = (system, component, message)
         tally = self.tallies.get(key)
         if tally is None:
             tally = self.tallies[key] = Tally()
-        tally.add(receive_us)
-
-    def rate(self, system: int, component: int, messages: tuple[int, ...]) -> float:
-        """Rate of the most frequent of `messages` [Hz], 0 where none came."""
-        rates = [t.rate for m in messages if (t := self.tallies.get((system, component, m))) is not None]
-        return max((r for r in rates if r == r), default=0.0)
+        return tally

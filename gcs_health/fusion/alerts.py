@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gcs_health.airframe import Rotor, seat
+from gcs_health.airframe import Airframe, Rotor
 from gcs_health.estimators.contract import Estimate, Reason, Status
 from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
 
@@ -40,10 +40,11 @@ class _Episode:
 class AlertDesk:
     """The alert machine of one vehicle: raise at `raise_at`, clear after `clear_after` below `clear_at`."""
 
-    def __init__(self, rotors: tuple[Rotor, ...]) -> None:
-        self._rotors = rotors
+    def __init__(self, airframe: Airframe, count: int = 0) -> None:
+        """`count` episodes went before, under another airframe."""
+        self._airframe = airframe
         self._open: dict[int, _Episode] = {}
-        self._count = 0
+        self.count = count
 
     def feed(self, estimate: Estimate) -> list[Alert]:
         """Take one estimate; return what the operator must be told because of it."""
@@ -54,8 +55,8 @@ class AlertDesk:
         if episode is None:
             if probability < ROTOR_FAILED.raise_at:
                 return []
-            self._count += 1
-            self._open[estimate.rotor] = episode = _Episode(self._count, _what(estimate))
+            self.count += 1
+            self._open[estimate.rotor] = episode = _Episode(self.count, _what(estimate))
             return [self._alert(estimate, episode, "raised")]
         if probability >= ROTOR_FAILED.raise_at:
             episode.calm_since = None
@@ -77,10 +78,10 @@ class AlertDesk:
         return [self._alert(estimate, episode, "cleared")]
 
     def _alert(self, estimate: Estimate, episode: _Episode, state: str) -> Alert:
-        rotor = self._rotors[estimate.rotor]
+        rotor = self._airframe.rotors[estimate.rotor]
         text = ROTOR_FAILED.text.format(
             motor=rotor.motor,
-            seat=seat(rotor),
+            seat=self._airframe.seat(estimate.rotor),
             what="answers again" if state == "cleared" else episode.what,
             percent=min(99, int(100 * _belief(estimate, state))),
         )

@@ -1,0 +1,198 @@
+"""The whole flow in one screen: bytes → frames → samples → one VehicleMonitor per vehicle → events.
+
+Live, replay, tests and benchmarks all call this `Monitor`. It does no I/O and reads no clock: events are
+a function of configuration, bytes and stamps, whatever the chunking.
+"""
+
+import math
+from dataclasses import dataclass
+
+from gcs_health.airframe import Airframe
+from gcs_health.estimators.effectiveness import EffectivenessConfig
+from gcs_health.mavlink.dialect import Dialect, default_dialect
+from gcs_health.mavlink.frames import FrameBatch, FrameDecoder
+from gcs_health.mavlink.messages import MessageDecoder
+from gcs_health.record.events import Event, SummaryEvent
+from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
+from gcs_health.vehicle_monitor import VehicleMonitor, describe_state
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorConfig:
+    """What the user may choose.
+
+    Attributes
+    ----------
+    airframe : from a vehicle file; None = from the stream.
+    mode : "recommended" or "paper".
+    estimate_rate : at most so many estimates a second and rotor [Hz].
+    keys : 32-byte signing keys.
+    stamped : the bytes are a .tlog.
+    keep_raw : keep the frames for `take_raw`.
+    """
+
+    airframe: Airframe | None = None
+    mode: str = "recommended"
+    estimate_rate: float = 10.0
+    keys: tuple[bytes, ...] = ()
+    stamped: bool = False
+    keep_raw: bool = False
+
+
+class Monitor:
+    """Bytes in, events out."""
+
+    def __init__(self, config: MonitorConfig | None = None) -> None:
+        self.config = config or MonitorConfig()
+        self.dialect: Dialect = default_dialect()
+        self._messages = MessageDecoder(self.dialect)
+        self._sources: dict[str, FrameDecoder] = {}
+        self._vehicles: dict[tuple[int, int], VehicleMonitor] = {}
+        self._census = Census()
+        self._raw: list[tuple[int, bytes]] = []
+        self._effectiveness = EffectivenessConfig(mode=self.config.mode)  # type: ignore[arg-type]
+
+    def feed(self, data: bytes, receive_us: int = 0, source: str = "") -> list[Event]:
+        """Take bytes of one source; return what they cause.
+
+        Parameters
+        ----------
+        receive_us : arrival [UNIX µs]; a .tlog brings its own.
+        source : whose byte stream this is: frames never reach across sources.
+        """
+        return self._take(self._decoder(source).feed(data, receive_us))
+
+    def poll(self, receive_us: int) -> list[Event]:
+        """Return what time alone causes."""
+        return [event for vehicle in self.vehicles() for event in vehicle.poll(receive_us)]
+
+    def finish(self) -> list[Event]:
+        """End of input: return what the rest causes, and one summary a vehicle."""
+        events = [event for decoder in self._sources.values() for event in self._take(decoder.finish())]
+        return events + [self._summary(vehicle) for vehicle in self.vehicles()]
+
+    def take_raw(self) -> list[tuple[int, bytes]]:
+        """Return (receive stamp, frame) of all frames since the last call, for a recorder."""
+        raw, self._raw = self._raw, []
+        return raw
+
+    def vehicles(self) -> list[VehicleMonitor]:
+        """Return the vehicles seen so far."""
+        return [monitor for monitor in self._vehicles.values() if monitor.is_vehicle]
+
+    def survey(self) -> Survey:
+        """Return what is in the stream so far."""
+        return Survey(
+            *self._census.span(),
+            systems=tuple(self._systems()),
+            vehicles=tuple(_vehicle_survey(vehicle) for vehicle in self.vehicles()),
+            counters=tuple(self._counters().items()),
+        )
+
+    def _decoder(self, source: str) -> FrameDecoder:
+        decoder = self._sources.get(source)
+        if decoder is None:
+            decoder = FrameDecoder(self.dialect, stamped=self.config.stamped, keys=self.config.keys)
+            self._sources[source] = decoder
+        return decoder
+
+    def _take(self, batch: FrameBatch) -> list[Event]:
+        if not len(batch):
+            return []
+        if self.config.keep_raw:
+            self._raw += batch.raw()
+        self._census.add(batch)
+        events: list[Event] = []
+        for sample in self._messages.samples(batch):
+            sender = (sample.system, sample.component)
+            vehicle = self._vehicles.get(sender)
+            if vehicle is None:
+                vehicle = self._vehicles[sender] = VehicleMonitor(
+                    f"{sender[0]}.{sender[1]}",
+                    self.config.airframe,
+                    self._effectiveness,
+                    self.config.estimate_rate,
+                )
+            events += vehicle.feed(sample)
+        return events
+
+    def _counters(self) -> dict[str, int]:
+        """Frames and bytes, kept and dropped, over all sources."""
+        total: dict[str, int] = {"bytes": 0, "frames": 0, "signed": 0, "unsigned": 0}
+        for decoder in self._sources.values():
+            c = decoder.counters
+            parts = {"bytes": c.bytes, "frames": c.frames, "signed": c.signed, "unsigned": c.unsigned}
+            parts |= dict(c.dropped)
+            parts |= {"unknown_id": c.unknown.total(), "lost": c.lost.total(), "repeated": c.repeated.total()}
+            for name, count in parts.items():
+                total[name] = total.get(name, 0) + count
+        return {name: count for name, count in total.items() if count or name in ("bytes", "frames")}
+
+    def _systems(self) -> list[SystemSurvey]:
+        lost = [decoder.counters.lost for decoder in self._sources.values()]
+        return [
+            self._census.system(sender, self._role(sender), sum(c[sender] for c in lost), self.dialect.name)
+            for sender in self._census.senders()
+        ]
+
+    def _role(self, sender: tuple[int, int]) -> str:
+        vehicle = self._vehicles.get(sender)
+        if vehicle is not None and vehicle.is_vehicle:
+            return "vehicle"
+        return "ground station" if sender[0] >= 250 or sender[1] in (0, 190) else "other"
+
+    def _summary(self, vehicle: VehicleMonitor) -> SummaryEvent:
+        system, component = map(int, vehicle.vehicle.split("."))
+        rotors = []
+        final = {estimate.rotor: estimate for estimate in vehicle.estimates()}
+        for k, rotor in enumerate(vehicle.airframe.rotors if vehicle.airframe else ()):
+            rotors.append(
+                {
+                    "rotor": rotor.esc,
+                    "motor": rotor.motor,
+                    "seat": vehicle.airframe.seat(k) if vehicle.airframe else "",
+                    "final": describe_state(final[k]),
+                    "worst": describe_state(vehicle.worst.get(k, final[k])),
+                }
+            )
+        notes = [*vehicle.clock.quality(), vehicle.imu.describe(vehicle.autopilot), *vehicle.rotors.notes()]
+        if vehicle.airframe is not None:
+            notes += vehicle.airframe.warnings
+        if vehicle.unusable():
+            notes.append(vehicle.unusable())
+        elif vehicle.airframe is None:
+            notes.append("the airframe is not known: nothing was estimated; give --vehicle FILE.toml")
+        span = vehicle.last_t - vehicle.first_t
+        return SummaryEvent(
+            vehicle.last_t,
+            vehicle.last_us,
+            vehicle.vehicle,
+            span if math.isfinite(span) else 0.0,
+            {self.dialect.name(m): r for m, r in self._census.rates(system, component).items()},
+            {
+                "count": len(vehicle.gaps),
+                "longest": max((g for _, g in vehicle.gaps), default=0.0),
+                "total": sum(g for _, g in vehicle.gaps),
+            },
+            dict(self._counters()),
+            tuple(notes),
+            tuple(rotors),
+            tuple(
+                {"id": a.id, "code": a.code, "motor": a.motor, "t": a.t, "state": a.state, "text": a.text}
+                for a in vehicle.alerts
+            ),
+        )
+
+
+def _vehicle_survey(vehicle: VehicleMonitor) -> VehicleSurvey:
+    return VehicleSurvey(
+        vehicle=vehicle.vehicle,
+        autopilot=vehicle.autopilot,
+        vehicle_type=vehicle.vehicle_type,
+        airframe=vehicle.airframe,
+        clock=vehicle.clock.quality(),
+        imu=vehicle.imu.describe(vehicle.autopilot),
+        rotor_telemetry=vehicle.rotors.notes(),
+        gaps=tuple(vehicle.gaps),
+        needs=vehicle.needs(),
+    )

@@ -1,0 +1,352 @@
+"""Everything about one vehicle: its samples in stream order to estimates, alerts and what is known of it."""
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from gcs_health.airframe import Airframe, AirframeSource
+from gcs_health.airframe_parameters import AirframeParameters
+from gcs_health.airframe_tables import assume_airframe
+from gcs_health.clock import Kind, VehicleClock
+from gcs_health.errors import AirframeError
+from gcs_health.estimators.contract import REASON_TEXT, Estimate, Status
+from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
+from gcs_health.fusion.alerts import Alert, AlertDesk
+from gcs_health.imu_selection import ImuSelection
+from gcs_health.needs import Need, effectiveness_needs
+from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VehicleEvent
+from gcs_health.rotor_telemetry import RotorTelemetry
+from gcs_health.samples import (
+    EscInfo,
+    EscStatus,
+    EscTelemetry,
+    FlightReading,
+    Heartbeat,
+    Imu,
+    LandedState,
+    Outputs,
+    Parameter,
+    Reading,
+    Sample,
+)
+
+NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
+NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: trackers, ground stations, companions ...
+MULTIROTORS = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # 0 generic; 4: some quads say helicopter
+ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the geometry
+NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
+ON_GROUND = 1  # MAV_LANDED_STATE
+UNKNOWN_LANDED = 0
+BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
+
+
+class VehicleMonitor:
+    """One (system, component): clock → airframe → telemetry truth → estimator → alerts → events.
+
+    Parameters
+    ----------
+    vehicle : "sysid.compid".
+    airframe : the user's vehicle file; None = from the stream.
+    config : of the effectiveness estimator.
+    estimate_rate : at most so many estimates a second and rotor [Hz].
+    """
+
+    def __init__(
+        self, vehicle: str, airframe: Airframe | None, config: EffectivenessConfig, estimate_rate: float
+    ) -> None:
+        self.vehicle = vehicle
+        self.autopilot: int | None = None
+        self.vehicle_type: int | None = None
+        self.is_vehicle = False
+        self.airframe: Airframe | None = None
+        self.first_t = self.last_t = math.nan
+        self.last_us = 0
+        self.gaps: list[tuple[float, float]] = []
+        self.alerts: list[AlertEvent] = []
+        self.worst: dict[int, Estimate] = {}
+        self.clock = VehicleClock()
+        self.imu = ImuSelection()
+        self.rotors = RotorTelemetry()
+        self._config = config
+        self._rate = estimate_rate
+        self._slot = -math.inf
+        self._parameters = AirframeParameters()
+        self._estimator: EffectivenessEstimator | None = None
+        self._desk: AlertDesk | None = None
+        self._armed: bool | None = None
+        self._landed: bool | None = None
+        self._landed_heard = 0
+        self._needs_said = False
+        self._unusable = ""
+        self._pending: list[Event] = []
+        self._handlers: dict[type, Callable[[float, Any], None]] = {
+            Heartbeat: self._on_heartbeat,
+            LandedState: self._on_landed_state,
+            Imu: self._on_imu,
+            EscStatus: self._on_rotors,
+            EscTelemetry: self._on_rotors,
+            EscInfo: self._on_rotors,
+            Outputs: self._on_rotors,
+            Parameter: self._on_parameter,
+        }
+        if airframe is not None:
+            self._adopt(airframe)
+
+    def feed(self, sample: Sample) -> list[Event]:
+        """Take one sample; return what it causes."""
+        t = self.clock.time_of(sample)
+        self.last_us = sample.receive_us
+        if not t <= self.last_t:
+            if self.last_t != self.last_t:
+                self.first_t = t
+            self.last_t = t
+        handler = self._handlers.get(type(sample))
+        if handler is not None:
+            handler(t, sample)
+        if self.is_vehicle:
+            self._routine(t)
+        if not self._pending:
+            return []
+        events, self._pending = self._pending, []
+        return events if self.is_vehicle else []
+
+    def poll(self, receive_us: int) -> list[Event]:
+        """Say what silence causes: a vehicle that has gone quiet still gets its needs told."""
+        if not self.is_vehicle or self.last_t != self.last_t:
+            return []
+        silent = max(receive_us - self.last_us, 0) * 1e-6
+        self._tell_needs(self.last_t + silent)
+        events, self._pending = self._pending, []
+        return events
+
+    def estimates(self) -> list[Estimate]:
+        """Return the present state of every rotor."""
+        return self._estimator.estimates(self.last_t) if self._estimator is not None else []
+
+    def needs(self) -> tuple[Need, ...]:
+        """List what the estimator needs against what the stream has."""
+        span = self.last_t - self.first_t
+        landed = self._landed_heard / span if span > 0 else 0.0
+        known = self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED
+        return effectiveness_needs(self.imu.rate(), self._rotor_rate(), landed, known, self.autopilot)
+
+    def unusable(self) -> str:
+        """Say why nothing can be estimated here at all; empty if something can."""
+        if self.vehicle_type is not None and self.vehicle_type not in MULTIROTORS:
+            return f"MAV_TYPE {self.vehicle_type} is not a multirotor: no rotors to watch"
+        return self._unusable
+
+    # -- samples ------------------------------------------------------------------------------------
+
+    def _on_heartbeat(self, t: float, sample: Heartbeat) -> None:
+        if sample.autopilot == NO_AUTOPILOT or sample.vehicle_type in NOT_VEHICLES:
+            return
+        changed = (sample.autopilot, sample.vehicle_type) != (self.autopilot, self.vehicle_type)
+        self.autopilot, self.vehicle_type = sample.autopilot, sample.vehicle_type
+        if not self.is_vehicle:
+            self._now_a_vehicle()
+        elif changed:
+            self._say("identity", "the autopilot or vehicle type was heard")
+        if sample.armed is not self._armed:
+            self._armed = sample.armed
+            self._read(FlightReading(t, self._armed, self._landed))
+
+    def _on_landed_state(self, t: float, sample: LandedState) -> None:
+        self._landed_heard += 1
+        landed = None if sample.landed_state == UNKNOWN_LANDED else sample.landed_state == ON_GROUND
+        if landed is not self._landed:
+            self._landed = landed
+            self._read(FlightReading(t, self._armed, self._landed))
+
+    def _on_imu(self, t: float, sample: Imu) -> None:
+        self._is_autopilot(sample)
+        reading = self.imu.feed(t, sample)
+        if reading is not None:
+            self._read(reading)
+
+    def _on_rotors(self, t: float, sample: EscStatus | EscTelemetry | EscInfo | Outputs) -> None:
+        self._is_autopilot(sample)
+        reading = self.rotors.feed(t, sample)
+        if reading is not None:
+            self._read(reading)
+
+    def _on_parameter(self, t: float, sample: Parameter) -> None:
+        self.imu.set_parameter(sample.name, sample.value)
+        if self._parameters.feed(sample) and self._source_is_worse_than(AirframeSource.FILE):
+            airframe = self._parameters.airframe()
+            if airframe is not None and airframe != self.airframe:
+                self._adopt(airframe)
+
+    def _is_autopilot(self, sample: Sample) -> None:
+        """Telemetry of component 1 is an autopilot's even before its HEARTBEAT is heard."""
+        if not self.is_vehicle and sample.component == 1:
+            self._now_a_vehicle()
+
+    # -- what follows -------------------------------------------------------------------------------
+
+    def _read(self, reading: Reading) -> None:
+        if self._estimator is not None:
+            self._judge(self._estimator.feed(reading))
+
+    def _routine(self, t: float) -> None:
+        """What falls due with time: notices of the clock, an assumed airframe, the regular estimates."""
+        for notice in self.clock.notices():
+            if notice.kind is Kind.GAP:
+                self.gaps.append((notice.t, notice.size))
+            self._say("clock", f"{notice.kind.value.replace('_', ' ')} of {notice.size:.1f} s")
+        if t - self.first_t >= ASSUME_AFTER and self.airframe is None and not self.unusable():
+            assumed = assume_airframe(self.rotors.esc_count(), self.vehicle_type)
+            if assumed is not None:
+                self._adopt(assumed)
+        self._tell_needs(t)
+        slot = math.floor(t * self._rate)
+        if slot > self._slot and self._estimator is not None:
+            self._slot = slot
+            estimates = self._estimator.estimates(t)
+            self._pending += [self._estimate_event(estimate) for estimate in estimates]
+            self._judge(estimates)
+
+    def _judge(self, estimates: Iterable[Estimate]) -> None:
+        for estimate in estimates:
+            worst = self.worst.get(estimate.rotor)
+            if worst is None or _badness(estimate) > _badness(worst):
+                self.worst[estimate.rotor] = estimate
+            if self._desk is not None:
+                self._pending += [self._alert_event(alert) for alert in self._desk.feed(estimate)]
+
+    def _adopt(self, airframe: Airframe) -> None:
+        """Take an airframe; the estimator starts anew, what went before was under another geometry."""
+        try:
+            self._estimator = EffectivenessEstimator(airframe, self._config)
+        except AirframeError as error:
+            self._unusable = str(error)
+            if airframe.source is AirframeSource.FILE:
+                raise
+            return
+        self._unusable = ""
+        self.airframe = airframe
+        self.worst.clear()
+        self.rotors.set_airframe(airframe)
+        self._desk = AlertDesk(airframe, self._desk.count if self._desk is not None else 0)
+        self._estimator.feed(FlightReading(self.last_t, self._armed, self._landed))
+        self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
+
+    def _source_is_worse_than(self, source: AirframeSource) -> bool:
+        return self.airframe is None or BETTER.index(self.airframe.source) > BETTER.index(source)
+
+    def _tell_needs(self, t: float) -> None:
+        if self._needs_said or not t - self.first_t >= NEEDS_AFTER:
+            return
+        self._needs_said = True
+        if self.unusable():
+            self._say("notice", self.unusable())
+            return
+        for need in self.needs():
+            if not need.met and need.wanted == need.wanted and need.wanted > 1.0:
+                have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
+                self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
+
+    def _rotor_rate(self) -> float:
+        if self.airframe is None:
+            escs: Iterable[int] = self.rotors.escs
+        else:
+            escs = [rotor.esc for rotor in self.airframe.rotors]
+        return max((self.rotors.rate(esc) for esc in escs), default=0.0)
+
+    # -- events -------------------------------------------------------------------------------------
+
+    def _now_a_vehicle(self) -> None:
+        self.is_vehicle = True
+        self._pending = []
+        self._say("seen", f"vehicle {self.vehicle} seen")
+
+    def _say(self, change: str, text: str) -> None:
+        self._pending.append(
+            VehicleEvent(
+                self.last_t,
+                self.last_us,
+                self.vehicle,
+                change,
+                text,
+                self.autopilot,
+                self.vehicle_type,
+                None if self.airframe is None else describe_airframe(self.airframe),
+            )
+        )
+
+    def _estimate_event(self, estimate: Estimate) -> EstimateEvent:
+        assert self.airframe is not None
+        rotor = self.airframe.rotors[estimate.rotor]
+        return EstimateEvent(
+            estimate.t,
+            self.last_us,
+            self.vehicle,
+            estimate.estimator,
+            rotor.esc,
+            rotor.motor,
+            estimate.quantity.value,
+            estimate.value,
+            estimate.std,
+            estimate.failure_probability,
+            estimate.status.value,
+            tuple(reason.value for reason in estimate.reasons),
+            estimate.detectable,
+        )
+
+    def _alert_event(self, alert: Alert) -> AlertEvent:
+        event = AlertEvent(
+            alert.t,
+            self.last_us,
+            self.vehicle,
+            f"{self.vehicle}-{alert.number}",
+            alert.kind.code,
+            alert.rotor.esc,
+            alert.rotor.motor,
+            alert.state,
+            alert.kind.severity,
+            alert.probability,
+            alert.text,
+            dict(alert.evidence),
+        )
+        self.alerts.append(event)
+        return event
+
+
+def _badness(estimate: Estimate) -> tuple[float, int]:
+    """Order for "worst": the likeliest failure, then the estimate, then anything but unknown."""
+    p = estimate.failure_probability
+    return (p, estimate.status is Status.VALID) if p == p else (-1.0, 0)
+
+
+def describe_airframe(airframe: Airframe) -> dict[str, Any]:
+    """Return the airframe as the event schema has it."""
+    return {
+        "name": airframe.name,
+        "source": airframe.source.value,
+        "metric": airframe.metric,
+        "warnings": airframe.warnings,
+        "rotors": tuple(
+            {
+                "motor": rotor.motor,
+                "rotor": rotor.esc,
+                "position": rotor.position,
+                "spin": {1: "ccw", -1: "cw", 0: None}[rotor.spin],
+                "seat": airframe.seat(k),
+            }
+            for k, rotor in enumerate(airframe.rotors)
+        ),
+    }
+
+
+def describe_state(estimate: Estimate) -> dict[str, Any]:
+    """Return one rotor's state as the summary has it."""
+    return {
+        "t": estimate.t,
+        "value": estimate.value,
+        "std": estimate.std,
+        "failure_probability": estimate.failure_probability,
+        "status": estimate.status.value,
+        "reasons": tuple(reason.value for reason in estimate.reasons),
+        "why": "; ".join(REASON_TEXT[reason] for reason in estimate.reasons),
+        "detectable": estimate.detectable,
+    }
