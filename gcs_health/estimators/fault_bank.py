@@ -180,9 +180,9 @@ class FaultBank:
     def likelihoods(self, tick_length: float) -> list[float]:
         """Return the largest log likelihood ratio of each rotor over all windows, never below 0."""
         c = self.config
-        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
-        if last < c.min_ticks:
+        if self.ticks < c.min_ticks:
             return [0.0] * self.rotors
+        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
         N = self._now[c.min_ticks - 1 : last, : self.rotors]
         D = self._now[c.min_ticks - 1 : last, self.rotors : 2 * self.rotors]
         theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)
@@ -191,6 +191,8 @@ class FaultBank:
 
     def information(self, tick_length: float) -> list[float]:
         """Return D of each rotor over the longest window: 1/D is the variance of its theta."""
+        if not self.ticks:
+            return [0.0] * self.rotors
         last = min(self.ticks, max(self.config.min_ticks, round(self.config.window / tick_length)))
         if last < self.config.min_ticks:
             return [0.0] * self.rotors
