@@ -4,7 +4,7 @@ PX4        CA_ROTOR_COUNT, CA_ROTORn_PX/PY/PZ [m], CA_ROTORn_KM (positive = coun
 ArduPilot  FRAME_CLASS and FRAME_TYPE (FRAME in old versions) by table; SERVOn_FUNCTION says which
            output, and so which ESC, is whose motor
 
-PX4 puts the bits of an int32 into the float, ArduPilot casts (mavlink.md section 6).
+PX4 puts the bits of an int32 into the float, ArduPilot casts: `Parameter.number` reads both.
 """
 
 import math
@@ -14,8 +14,6 @@ from gcs_health.airframe import Airframe, AirframeSource, Rotor
 from gcs_health.airframe_tables import ardupilot_frame, px4_frame
 from gcs_health.samples import Parameter
 
-INT32 = 6  # MAV_PARAM_TYPE
-_PLAUSIBLE_BITS = 1 << 24  # a whole number cast to float has bits far above, a bit-cast one far below
 _KEPT = re.compile(
     r"CA_ROTOR(_COUNT|\d+_(PX|PY|PZ|KM|AX|AY|AZ))|SYS_AUTOSTART|FRAME(_CLASS|_TYPE)?|SERVO\d+_FUNCTION"
     r"|ESC_TLM_MAV_OFS"
@@ -35,9 +33,7 @@ class AirframeParameters:
         """Take one parameter; return whether it concerns the geometry and is new."""
         if not _KEPT.fullmatch(sample.name):
             return False
-        value = sample.value
-        if sample.kind == INT32 and abs(sample.bits) < _PLAUSIBLE_BITS:
-            value = float(sample.bits)
+        value = sample.number
         if not math.isfinite(value) or self._values.get(sample.name) == value:
             return False
         self._values[sample.name] = value

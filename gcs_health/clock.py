@@ -1,103 +1,150 @@
 """Vehicle clocks to one axis: every sample gets a time in seconds on the vehicle's own clock.
 
-Three clocks meet: the receive stamp (a PC's UNIX time), and the vehicle's stamps, since boot or UNIX,
-as u64 µs, u32 ms or u32 µs. The axis is the base of the first stamped sample, exactly as the vehicle
-says it; the other base is mapped through receive time. What carries no stamp is placed by receive
-time less the least delay seen. After a reboot the axis runs on: t never steps back.
+Three clocks meet: the receive stamp (a PC's UNIX time) and the vehicle's two, since boot and UNIX, sent
+as u64 µs, u32 ms or u32 µs. The axis is the clock of the first stamped sample, exactly as the vehicle
+says it, until that clock starts anew; from then on an integer shift keeps the axis running on. The
+vehicle's other clock has a shift too: from SYSTEM_TIME, which pairs the two, else from receive time.
+
+What carries no stamp, or one that cannot be, is placed at receive time less the least delay seen in the
+last 10 to 20 s: a window and not a slope, so it follows drift and forgets a step of the PC's clock.
+Before the first stamp the axis is receive time; the change of axis is a notice of its own.
+
+All inside is integer µs: no rounding, so no dependence on the order of sums.
 """
 
-import math
-from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
-from gcs_health.samples import Sample
+from gcs_health.samples import Imu, Sample, SystemTime
 
-UNIX_FROM = 10**15  # µs; u64 stamps above are UNIX time, below boot time (mavlink.md section 7)
-WRAP_MS_US = 2**32 * 1000  # time_boot_ms wraps after 49.7 days
-WRAP_US = 2**32  # SERVO_OUTPUT_RAW.time_usec is u32 µs: 71.6 minutes
-# messages whose stamp is u32 milliseconds; SERVO_OUTPUT_RAW is the one in u32 microseconds
-BOOT_MS_MESSAGES = frozenset({2, 26, 30, 31, 83, 116, 129, 410})
-SERVO_OUTPUT_RAW = 36
+US = 1_000_000  # µs in a second
+UNIX_FROM = 10**15  # µs; stamps above are UNIX time, below time since boot (mavlink.md section 7)
+UNIX_TO = 41 * 10**14  # µs; the year 2099
+BOOT_TO = 3 * 10**14  # µs; nine years of uptime
+SERVO_OUTPUT_RAW = 36  # the one message whose stamp is u32 µs: wraps every 71.6 minutes
+# 49.7 days for time_boot_ms, of every message that any sample is made of
+WRAPS = {m: 2**32 * 1000 for m in (2, 26, 30, 31, 83, 116, 129)} | {SERVO_OUTPUT_RAW: 2**32}
 
-GAP = 1.0  # s of silence that are told
-REBOOT = 1.0  # s; a boot stamp further back than that, twice in a row, is a new boot
-ASTRAY = 60.0  # s; a stamp further than that off what receive time says is not believed ...
-BELIEVED = 5  # ... until so many in a row agree with one another
-JUST_BOOTED, BELIEVED_AT_BOOT = 60.0, 2  # s; a clock back near zero needs fewer to be believed
-DRIFT = 2e-4  # the least delay may creep up by so much a second: quartz against quartz, 100 ppm each
+GAP = US  # µs of silence that are told; also what a stamp may be off before it is doubted
+WINDOW = 10 * US  # µs of one half of the least-delay window
+SETTLED = 2 * US  # µs after which a delay that grew at once was the PC's clock and not a stalled link
+LOST = 60 * US  # µs that a stamp may lead while the delay is unknown
+COINCIDE = 20_000  # µs by which the two vehicle clocks may disagree before their shift is made anew
+REBOOTED, STEPPED = 2, 5  # stamps in a row that bear out a new boot, or any other step
+FEW = 3  # accepted stamps below which a clock's start is thrown away instead of continued
 
 
 class Kind(StrEnum):
     """What happened to time."""
 
-    GAP = "gap"
+    GAP = "gap"  # nothing at all came
     REBOOT = "reboot"
-    RECEIVE_STEP = "receive_step"  # the ground station's clock was set
+    VEHICLE_STEP = "vehicle_step"  # the vehicle's clock was set
+    RECEIVE_STEP = "receive_step"  # the PC's clock was set
+    AXIS = "axis"  # the axis is no longer receive time but the vehicle's
 
 
 @dataclass(frozen=True, slots=True)
 class ClockNotice:
-    """One thing that happened at vehicle time `t` [s], of `size` [s]."""
+    """One thing that happened at `t` [s] on the axis, of `size` [s], negative = backwards."""
 
     t: float
     kind: Kind
     size: float
 
 
-class _Base:
-    """One kind of stamp (boot or UNIX): unwrapped, and its offset to receive time."""
+class _LeastDelay:
+    """Least of receive - axis [µs] over the last one to two windows."""
+
+    __slots__ = ("current", "guess", "known", "older", "until", "value")
 
     def __init__(self) -> None:
-        self.last = math.nan  # s, unwrapped, newest believed
-        self.last_receive = math.nan
-        self.offset = math.nan  # receive - vehicle, least delay [s]
-        self.shift = 0.0  # s added to what the vehicle says: earlier boots
-        self.astray: deque[tuple[float, float]] = deque(maxlen=BELIEVED)
+        self.known = self.guess = False
+        self.value = self.older = self.current = self.until = 0
 
-    def note(self, stamp: float, receive: float) -> float:
-        """Take a believed stamp; return its delay over the least seen [s]."""
-        self.astray.clear()
-        self.last, self.last_receive = stamp, receive
-        delay = receive - stamp
-        if not delay - self.offset < ASTRAY:  # NaN at first
-            self.offset = delay
-        elif delay < self.offset:
-            self.offset = delay
-        else:
-            self.offset += min(delay - self.offset, DRIFT * 0.02)
-        return delay - self.offset
+    def restart(self, delay: int, axis: int, guess: bool = False) -> None:
+        self.known, self.guess = True, guess
+        self.value = self.older = self.current = delay
+        self.until = axis + WINDOW
+
+    def note(self, delay: int, axis: int) -> None:
+        if self.guess or not self.known:
+            self.restart(delay, axis)
+        elif axis >= self.until:
+            self.older = self.current if axis < self.until + WINDOW else delay
+            self.current = delay
+            self.until = axis + WINDOW
+            self.value = min(self.older, delay)
+        elif delay < self.current:
+            self.current = delay
+            if delay < self.value:
+                self.value = delay
+
+
+class _VehicleClock:
+    """One of the vehicle's clocks: since boot, or UNIX."""
+
+    __slots__ = ("astray", "count", "delay", "last", "paired", "previous", "receive", "returned", "shift")
+
+    def __init__(self) -> None:
+        self.count = 0  # stamps believed
+        self.last = self.receive = 0  # newest stamp believed [µs, unwrapped], and when it came
+        self.shift = 0  # axis - stamp [µs]
+        self.previous: int | None = None  # shift before the last new start
+        self.returned = 0  # stamps in a row that fit the shift before
+        self.paired = False  # the shift comes from SYSTEM_TIME
+        self.delay = _LeastDelay()  # of this clock, where it is not the axis
+        self.astray: tuple[int, int, int] | None = None  # stamp, receive, how many in a row
 
 
 class VehicleClock:
-    """One vehicle's clock; `time_of` is called once for every sample, in arrival order."""
+    """The clock of one (system, component); `time_of` is called once for every sample as it arrives.
+
+    Attributes
+    ----------
+    late : samples older than the one before of their stream.
+    astray : stamps that could not be; their samples got estimated times.
+    reboots, gaps, steps : starts of the autopilot, silences over 1 s, steps of the ground's clock.
+    """
 
     def __init__(self) -> None:
-        self._boot, self._unix = _Base(), _Base()
-        self._primary: _Base | None = None
-        self._provisional = math.nan
-        self._newest = -math.inf
-        self._receive = math.nan
-        self._unstamped = -math.inf
+        self._boot, self._unix = _VehicleClock(), _VehicleClock()
+        self._primary: _VehicleClock | None = None
+        self._delay = _LeastDelay()
+        self._last_delay = 0
+        self._stalled: tuple[int, int, int] | None = None  # axis, delay before, size of a sudden delay
+        self._receive: int | None = None
+        self._newest: int | None = None
+        self._estimated: int | None = None  # newest time given to what has no stamp
+        self._streams: dict[int, int] = {}
+        self._excess = [0] * 160  # histogram of delay over the least, four bins an octave of µs
         self._notices: list[ClockNotice] = []
-        self._jitter = 0.0
-        self._last_of: dict[int, float] = {}
-        self.late = self.astray = self.reboots = self.gaps = self.unstamped = self.stamped = 0
+        self.late = self.astray = self.reboots = self.gaps = self.steps = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the axis is the vehicle's; receive time until then."""
+        return self._primary is not None
 
     def time_of(self, sample: Sample) -> float:
-        """Return the sample's time on the vehicle's axis [s]."""
-        receive = sample.receive_us * 1e-6
-        if receive < self._receive - GAP:
-            self._step(receive)
+        """Return the sample's time on the vehicle's axis [s]; a late sample's lies before the last one's."""
+        receive = sample.receive_us
+        before = self._receive
+        if before is not None and receive < before - GAP:
+            self._receive_stepped_back(receive, receive - before)
         self._receive = receive
         stamp = sample.time_us
-        t = self._unstamped_time(receive) if not stamp else self._stamped_time(sample.message, stamp, receive)
-        if t > self._newest:
-            if t - self._newest > GAP and self._newest > -math.inf:
+        axis = self._from_stamp(sample, stamp, receive) if stamp else None
+        if axis is None:
+            axis = self._estimate(receive)
+        newest = self._newest
+        if newest is None or axis > newest:
+            # who stamps nothing sends heartbeats, a second apart: three missing are a gap
+            if newest is not None and axis - newest > (GAP if self._primary is not None else 3 * GAP):
                 self.gaps += 1
-                self._notices.append(ClockNotice(t, Kind.GAP, t - self._newest))
-            self._newest = t
-        return t
+                self._say(axis, Kind.GAP, axis - newest)
+            self._newest = axis
+        return axis * 1e-6
 
     def notices(self) -> list[ClockNotice]:
         """Return what happened since the last call."""
@@ -107,95 +154,236 @@ class VehicleClock:
     def quality(self) -> tuple[str, ...]:
         """Say in sentences which clock this is and how good."""
         if self._primary is None:
-            return ("no message carries a vehicle time stamp: receive time is used",)
-        base = "UNIX time" if self._primary is self._unix else "time since boot"
-        said = [f"{base}; messages arrive within ±{1e3 * self._jitter:.1f} ms of their stamps"]
-        for count, what in (
-            (self.late, "came late or out of order"),
-            (self.astray, "carried a stamp that cannot be"),
-            (self.reboots, "reboots"),
-            (self.gaps, f"gaps of more than {GAP:.0f} s"),
+            said = ["no message carries a vehicle time stamp: the axis is receive time"]
+        else:
+            base = "UNIX time" if self._primary is self._unix else "time since boot"
+            said = [f"the axis is the vehicle's {base}; arrival jitter {self._jitter_ms():.1f} ms"]
+            other = self._boot if self._primary is self._unix else self._unix
+            if other.count:
+                how = "by SYSTEM_TIME" if other.paired else "by receive time"
+                said.append(f"its other clock is in use too, mapped {how}")
+        for count, one, more in (
+            (self.late, "sample came late or out of order", "samples came late or out of order"),
+            (self.astray, "stamp could not be and was replaced", "stamps could not be and were replaced"),
+            (self.reboots, "reboot", "reboots"),
+            (self.steps, "step of the ground station's clock", "steps of the ground station's clock"),
+            (self.gaps, "gap of more than 1 s", "gaps of more than 1 s"),
         ):
             if count:
-                said.append(f"{count} {what}")
+                said.append(f"{count} {one if count == 1 else more}")
         return tuple(said)
 
-    def _stamped_time(self, message: int, stamp_us: int, receive: float) -> float:
-        base = self._unix if stamp_us > UNIX_FROM else self._boot
-        stamp = self._unwrapped(base, message, stamp_us)
-        if not self._believed(base, stamp, receive):
-            return self._unstamped_time(receive)
-        self.stamped += 1
-        stamp += base.shift
-        if stamp < self._last_of.get(message, stamp):
-            self.late += 1
-        else:
-            self._last_of[message] = stamp
-        if stamp < base.last:  # another stream's latency: no news of the offset
-            base.astray.clear()
-        else:
-            delay = base.note(stamp, receive)
-            # a robust mean deviation, for the report alone
-            self._jitter += 0.01 * (min(delay, 10 * self._jitter + 1e-3) - self._jitter)
-        if self._primary is None:
-            self._primary = base
-            self._newest = -math.inf  # the provisional axis was receive time: another origin
-        if base is self._primary:
+    def _say(self, axis: int, kind: Kind, size: int) -> None:
+        self._notices.append(ClockNotice(axis * 1e-6, kind, size * 1e-6))
+
+    def _jitter_ms(self) -> float:
+        """Half the distance between the 16 % and 84 % quantiles of the delay [ms]: σ if it were normal."""
+        total, seen, low, high = sum(self._excess), 0, 0, 0
+        for k, count in enumerate(self._excess):
+            middle = (9 + 2 * (k & 3)) << ((k >> 2) - 3) >> 1 if k >= 12 else k >> 1
+            if seen <= 0.16 * total:
+                low = middle
+            if seen <= 0.84 * total:
+                high = middle
+            seen += count
+        return (high - low) / 2 * 1e-3
+
+    def _from_stamp(self, sample: Sample, stamp: int, receive: int) -> int | None:
+        """Return the axis time of a stamp [µs], None where it is not to be believed."""
+        unix = stamp > UNIX_FROM
+        clock = self._unix if unix else self._boot
+        message = sample.message
+        if message in WRAPS:
+            if message == SERVO_OUTPUT_RAW and not clock.count:
+                return None  # which of its 71.6 minutes, nothing has told yet
+            stamp = self._unwrapped(clock, stamp, receive, WRAPS[message])
+        if not clock.count and not self._begin(clock, stamp, receive, UNIX_TO if unix else BOOT_TO):
+            return None
+        ahead = stamp - clock.last
+        if not -GAP <= ahead <= GAP and not self._goes_on(clock, stamp, receive, ahead):
+            return self._doubtful(clock, stamp, receive, message)
+        if message != SERVO_OUTPUT_RAW:
+            clock.astray = None
+            clock.returned = 0
+        clock.count += 1
+        if ahead >= 0:
+            clock.last, clock.receive = stamp, receive
+        if type(sample) is SystemTime and sample.unix_us is not None:
+            self._pair(sample.unix_us - stamp)
+        axis = stamp + clock.shift
+        self._note_order(sample, axis)
+        if ahead >= 0:
+            self._note_delay(clock, receive - axis, axis)
+        return axis
+
+    def _unwrapped(self, clock: _VehicleClock, stamp: int, receive: int, wrap: int) -> int:
+        """Add the wraps that bring a u32 stamp to where the clock must be by now, if any do."""
+        if not clock.count:
             return stamp
-        return stamp + (base.offset - self._primary.offset)
+        expected = clock.last + max(receive - clock.receive, 0)
+        unwrapped = stamp + wrap * ((expected - stamp + wrap // 2) // wrap)
+        return unwrapped if abs(unwrapped - expected) < LOST else stamp
 
-    def _unwrapped(self, base: _Base, message: int, stamp_us: int) -> float:
-        wrap = WRAP_US if message == SERVO_OUTPUT_RAW else WRAP_MS_US if message in BOOT_MS_MESSAGES else 0
-        if base is self._boot and wrap and not math.isnan(base.last):
-            expected = int((base.last - base.shift) * 1e6)
-            stamp_us += wrap * round((expected - stamp_us) / wrap)
-        return stamp_us * 1e-6
+    def _goes_on(self, clock: _VehicleClock, stamp: int, receive: int, ahead: int) -> bool:
+        """Whether a stamp far ahead is a gap: not later than anything received by now can be."""
+        if ahead < 0:
+            return False
+        leads = stamp + clock.shift - (receive - self._delay.value)
+        return leads <= (LOST if self._delay.guess else GAP)
 
-    def _believed(self, base: _Base, stamp: float, receive: float) -> bool:
-        """Whether a stamp goes on from the last one; if not it must be borne out by others."""
-        if math.isnan(base.last):
-            return True
-        ahead = stamp + base.shift - base.last - (receive - base.last_receive)
-        back = base is self._boot and stamp + base.shift < base.last - REBOOT
-        if abs(ahead) < ASTRAY and not back:
-            return True
-        base.astray.append((stamp, receive))
-        first_stamp, first_receive = base.astray[0]
-        agree = abs((stamp - first_stamp) - (receive - first_receive)) < REBOOT
-        if not agree:
-            base.astray.clear()
-            base.astray.append((stamp, receive))
-        if len(base.astray) < (BELIEVED_AT_BOOT if back and stamp < JUST_BOOTED else BELIEVED):
+    def _begin(self, clock: _VehicleClock, stamp: int, receive: int, latest: int) -> bool:
+        """Take the first stamp of a clock: it founds the axis, or is mapped to it through receive time."""
+        if stamp > latest:
             self.astray += 1
             return False
-        if back or base is self._unix:
-            self._run_on(base, stamp, receive)
-        base.offset = math.nan
+        if self._primary is None:
+            self._primary = clock
+            self._change_axis(stamp, receive)
+        elif not clock.paired:
+            clock.shift = receive - self._delay.value - stamp
+        clock.last, clock.receive = stamp, receive
         return True
 
-    def _run_on(self, base: _Base, stamp: float, receive: float) -> None:
-        """The vehicle's clock was set, or it booted: the axis goes on by what passed on the ground."""
-        now = base.last + max(receive - base.last_receive, 0.0)
-        self._notices.append(ClockNotice(now, Kind.REBOOT, base.last - base.shift - stamp))
-        base.shift = now - stamp
-        self.reboots += 1
-        self.astray -= len(base.astray) - 1
-        self._last_of.clear()
+    def _change_axis(self, axis: int, receive: int) -> None:
+        if self._newest is not None and abs(axis - self._newest) > GAP:
+            self._say(axis, Kind.AXIS, axis - self._newest)
+        self._newest = self._estimated = axis
+        self._delay.restart(receive - axis, axis)
+        self._last_delay = receive - axis
+        self._streams.clear()
 
-    def _unstamped_time(self, receive: float) -> float:
-        """Place what carries no stamp: receive time less the least delay, never before the last such."""
-        self.unstamped += 1
-        if self._primary is None:
-            return receive
-        if math.isnan(self._primary.offset):
-            return max(self._newest, self._unstamped)
-        self._unstamped = max(receive - self._primary.offset, self._unstamped)
-        return self._unstamped
+    def _doubtful(self, clock: _VehicleClock, stamp: int, receive: int, message: int) -> int | None:
+        """Hold a stamp that does not go on from the last one until others bear it out."""
+        now = receive - self._delay.value
+        if clock.previous is not None and abs(stamp + clock.previous - now) < GAP:
+            return self._of_previous_boot(clock, stamp, receive)
+        if message == SERVO_OUTPUT_RAW:  # its wraps fit too much to bear anything out
+            self.astray += 1
+            return None
+        held, count = clock.astray, 1
+        if held is not None:
+            advanced = stamp - held[0]
+            if advanced > 0 and abs(advanced - (receive - held[1])) < GAP:
+                count = held[2] + 1
+        clock.astray = (stamp, receive, count)
+        # a boot began after the last word of the boot before, so it cannot be older than that silence
+        reboot = clock is self._boot and stamp < clock.last
+        young = stamp < receive - clock.receive + 2 * GAP
+        if count < (REBOOTED if reboot and young else STEPPED):
+            self.astray += 1
+            return None
+        self.astray -= count - 1
+        return self._start_anew(clock, stamp, receive, reboot)
 
-    def _step(self, receive: float) -> None:
-        """The ground's clock was set back: offsets are learned anew."""
-        self._notices.append(ClockNotice(self._newest, Kind.RECEIVE_STEP, receive - self._receive))
-        for base in (self._boot, self._unix):
-            base.offset = math.nan
-            base.last_receive = receive
-        self._unstamped = -math.inf
+    def _of_previous_boot(self, clock: _VehicleClock, stamp: int, receive: int) -> int | None:
+        """Place a stamp from before the last new start: late; or, two in a row, the start was none."""
+        assert clock.previous is not None
+        axis = stamp + clock.previous
+        self.late += 1
+        clock.returned += 1
+        if clock.returned >= REBOOTED:
+            clock.shift, clock.previous = clock.previous, clock.shift
+            clock.last, clock.receive, clock.returned, clock.astray = stamp, receive, 0, None
+        return axis
+
+    def _start_anew(self, clock: _VehicleClock, stamp: int, receive: int, reboot: bool) -> int:
+        """Go on with a clock that was set or began again: the axis runs on by what passed on the ground."""
+        step = stamp - clock.last
+        founded_on_garbage = clock is self._primary and clock.count < FEW
+        if founded_on_garbage:
+            self.astray += clock.count
+            clock.shift, clock.previous = 0, None
+            self._change_axis(stamp, receive)
+        else:
+            last = clock.last + clock.shift
+            axis = max(last + max(receive - clock.receive, 0), self._newest or 0)
+            clock.previous, clock.shift = clock.shift, axis - stamp
+            self.reboots += reboot
+            self._say(axis, Kind.REBOOT if reboot else Kind.VEHICLE_STEP, step)
+            self._newest = axis
+            if clock is self._primary:
+                self._delay.restart(receive - axis, axis)
+                self._last_delay = receive - axis
+        clock.last, clock.receive, clock.astray, clock.returned = stamp, receive, None, 0
+        clock.delay, clock.paired = _LeastDelay(), False
+        clock.count += 1
+        self._streams.clear()
+        return stamp + clock.shift
+
+    def _pair(self, difference: int) -> None:
+        """Map one vehicle clock to the other by SYSTEM_TIME; `difference` is UNIX - boot [µs]."""
+        boot, unix = self._boot, self._unix
+        if not UNIX_FROM < difference < UNIX_TO:
+            return
+        if self._primary is boot:
+            other, shift = unix, boot.shift - difference
+        else:
+            other, shift = boot, unix.shift + difference
+        if not other.paired or abs(other.shift - shift) > COINCIDE:
+            other.shift = shift
+        other.paired = True
+
+    def _note_order(self, sample: Sample, axis: int) -> None:
+        key = sample.message
+        if type(sample) is Imu:  # the sensors of one message are streams of their own
+            key |= sample.sensor << 24
+        if axis < self._streams.get(key, axis):
+            self.late += 1
+        else:
+            self._streams[key] = axis
+
+    def _note_delay(self, clock: _VehicleClock, delay: int, axis: int) -> None:
+        """Learn the least delay from the axis' own clock; hold the other clock to it."""
+        least = self._delay
+        if clock is not self._primary:
+            if not clock.paired:
+                clock.delay.note(delay + clock.shift, axis)
+                off = clock.delay.value - clock.shift - least.value
+                if abs(off) > COINCIDE:
+                    clock.shift += off
+            return
+        if delay - self._last_delay > GAP:
+            self._stalled = (axis, least.value, delay - self._last_delay)
+            least.restart(delay, axis)
+            self._boot.delay, self._unix.delay = _LeastDelay(), _LeastDelay()
+            self._newest = self._estimated = axis  # what had no stamp has run ahead meanwhile
+        else:
+            least.note(delay, axis)
+        self._last_delay = delay
+        if self._stalled is not None:
+            self._judge_stall(delay, axis)
+        over = delay - least.value
+        bits = over.bit_length()
+        self._excess[min((bits << 2 | (over >> (bits - 3) & 3)) if bits > 2 else over << 1, 159)] += 1
+
+    def _judge_stall(self, delay: int, axis: int) -> None:
+        """Tell a link that stalled (the delay comes back) from a PC's clock set forward (it stays)."""
+        assert self._stalled is not None
+        at, before, size = self._stalled
+        if delay < before + GAP:
+            self._stalled = None
+        elif axis > at + SETTLED:
+            self.steps += 1
+            self._say(at, Kind.RECEIVE_STEP, size)
+            self._stalled = None
+
+    def _estimate(self, receive: int) -> int:
+        """Place what has no stamp: receive time less the least delay, never before the last such."""
+        axis = receive - self._delay.value
+        if self._estimated is not None and axis < self._estimated:
+            axis = self._estimated
+        self._estimated = axis
+        return axis
+
+    def _receive_stepped_back(self, receive: int, size: int) -> None:
+        """Keep the axis where it is and guess the new delay until a stamp tells it."""
+        newest = self._newest if self._newest is not None else receive
+        self.steps += 1
+        self._say(newest, Kind.RECEIVE_STEP, size)
+        self._stalled = None
+        self._delay.restart(receive - newest, newest, guess=True)
+        self._last_delay = receive - newest
+        for clock in (self._boot, self._unix):
+            clock.receive = receive
+            clock.astray = None
+            clock.delay = _LeastDelay()

@@ -243,6 +243,14 @@ class Parameter(NamedTuple):
     index: int
     count: int
 
+    @property
+    def number(self) -> float:
+        """The value whichever way it was put into the float: bits of an int32 (PX4), or cast (ArduPilot).
+
+        A whole number that was cast has bits far above 2**24, one whose bits were copied far below.
+        """
+        return float(self.bits) if self.kind == 6 and abs(self.bits) < 1 << 24 else self.value
+
 
 class SystemTime(NamedTuple):
     """SYSTEM_TIME: pairs UNIX and boot time."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from gcs_health.airframe import Airframe, AirframeSource
@@ -35,9 +36,17 @@ NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: trackers, 
 MULTIROTORS = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # 0 generic; 4: some quads say helicopter
 ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the geometry
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
+CLOCK_WAIT_US = 2_000_000  # events wait so long for a first stamped message
 ON_GROUND = 1  # MAV_LANDED_STATE
 UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
+
+CLOCK_TEXT = {
+    Kind.GAP: "nothing came for {:.1f} s",
+    Kind.REBOOT: "the vehicle rebooted: its clock went back by {:.1f} s",
+    Kind.VEHICLE_STEP: "the vehicle's clock was set by {:.1f} s",
+    Kind.RECEIVE_STEP: "the ground station's clock was set by {:.1f} s",
+}
 
 
 class VehicleMonitor:
@@ -79,6 +88,8 @@ class VehicleMonitor:
         self._needs_said = False
         self._unusable = ""
         self._pending: list[Event] = []
+        self._timed = self._axis = False
+        self._first_us: int | None = None
         self._handlers: dict[type, Callable[[float, Any], None]] = {
             Heartbeat: self._on_heartbeat,
             LandedState: self._on_landed_state,
@@ -96,6 +107,7 @@ class VehicleMonitor:
         """Take one sample; return what it causes."""
         t = self.clock.time_of(sample)
         self.last_us = sample.receive_us
+        self._note_time(t)
         if not t <= self.last_t:
             if self.last_t != self.last_t:
                 self.first_t = t
@@ -105,10 +117,7 @@ class VehicleMonitor:
             handler(t, sample)
         if self.is_vehicle:
             self._routine(t)
-        if not self._pending:
-            return []
-        events, self._pending = self._pending, []
-        return events if self.is_vehicle else []
+        return self._release(sample) if self._pending else []
 
     def poll(self, receive_us: int) -> list[Event]:
         """Say what silence causes: a vehicle that has gone quiet still gets its needs told."""
@@ -171,7 +180,7 @@ class VehicleMonitor:
             self._read(reading)
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
-        self.imu.set_parameter(sample.name, sample.value)
+        self.imu.set_parameter(sample.name, sample.number)
         if self._parameters.feed(sample) and self._source_is_worse_than(AirframeSource.FILE):
             airframe = self._parameters.airframe()
             if airframe is not None and airframe != self.airframe:
@@ -182,6 +191,35 @@ class VehicleMonitor:
         if not self.is_vehicle and sample.component == 1:
             self._now_a_vehicle()
 
+    # -- time ---------------------------------------------------------------------------------------
+
+    def _note_time(self, t: float) -> None:
+        """Take what happened to the vehicle's clock."""
+        for notice in self.clock.notices():
+            if notice.kind is Kind.AXIS:  # all before was receive time: another origin
+                self.first_t = self.last_t = t
+                self._slot = -math.inf
+                self._axis = True
+                continue
+            if notice.kind is Kind.GAP:
+                self.gaps.append((notice.t, notice.size))
+            if self.is_vehicle:
+                self._say("clock", CLOCK_TEXT[notice.kind].format(abs(notice.size)))
+
+    def _release(self, sample: Sample) -> list[Event]:
+        """Let events out, once the vehicle's clock is known or will not be: their times are on one axis."""
+        if not self._timed:
+            if self._first_us is None:
+                self._first_us = sample.receive_us
+            stamp = sample.time_us
+            on_axis = self._axis or (stamp is not None and abs(stamp * 1e-6 - self.last_t) < 1e-3)
+            self._timed = on_axis or sample.receive_us - self._first_us > CLOCK_WAIT_US
+            if not self._timed:
+                return []
+            self._pending = [replace(event, t=self.last_t) for event in self._pending]
+        events, self._pending = self._pending, []
+        return events if self.is_vehicle else []
+
     # -- what follows -------------------------------------------------------------------------------
 
     def _read(self, reading: Reading) -> None:
@@ -189,11 +227,7 @@ class VehicleMonitor:
             self._judge(self._estimator.feed(reading))
 
     def _routine(self, t: float) -> None:
-        """What falls due with time: notices of the clock, an assumed airframe, the regular estimates."""
-        for notice in self.clock.notices():
-            if notice.kind is Kind.GAP:
-                self.gaps.append((notice.t, notice.size))
-            self._say("clock", f"{notice.kind.value.replace('_', ' ')} of {notice.size:.1f} s")
+        """What falls due with time: an assumed airframe, what is missing, the regular estimates."""
         if t - self.first_t >= ASSUME_AFTER and self.airframe is None and not self.unusable():
             assumed = assume_airframe(self.rotors.esc_count(), self.vehicle_type)
             if assumed is not None:
@@ -257,7 +291,6 @@ class VehicleMonitor:
 
     def _now_a_vehicle(self) -> None:
         self.is_vehicle = True
-        self._pending = []
         self._say("seen", f"vehicle {self.vehicle} seen")
 
     def _say(self, change: str, text: str) -> None:

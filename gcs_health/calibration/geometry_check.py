@@ -22,7 +22,8 @@ from gcs_health.calibration.control_effectiveness import MomentRegression
 class GeometryConfig:
     """When a geometry is called contradicted."""
 
-    least_time: float = 4.0  # s of data
+    delay: float = 0.25  # s by which the data lag
+    least_time: float = 0.75  # s of data before any verdict
     strong_f: float = 10.0
     strong_share: float = 0.3  # R² of the free fit
     strong_cos: float = 0.25

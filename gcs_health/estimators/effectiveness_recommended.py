@@ -13,6 +13,7 @@ Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where
 """
 
 import math
+from collections import deque
 
 from gcs_health.airframe import Airframe
 from gcs_health.calibration import geometry_check
@@ -61,8 +62,8 @@ class RecommendedBank:
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._strikes = 0
-        self._fresh_fits: list[geometry_check.AxisFit] = []
-        self._settled_fits: list[geometry_check.AxisFit] = []
+        # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
+        self._regression_late: deque[tuple[float, float, list[float], float, float]] = deque()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
@@ -152,6 +153,7 @@ class RecommendedBank:
             self._speeds = speeds
         if self.bank.ticks or self._pending:
             self.bank.clear()
+            self._regression_late.clear()
             self.regression.gap()
             self.shift.gap()
             self._pending.clear()
@@ -188,7 +190,7 @@ class RecommendedBank:
         fell = self._judge(step.tick.t)
         self._final_row = self._row
         if self.failed is None:
-            self._learn(step, left, variances)
+            fell = self._learn(step, left, variances) or fell
         return fell
 
     def _provisional(self, position: int) -> bool:
@@ -227,7 +229,10 @@ class RecommendedBank:
         slow = self.track.interval > c.slow_rotor_speeds
         if row < (c.ticks_slow if slow else c.ticks):
             return False
-        if self._geometry_doubtful():
+        g = c.geometry
+        if self.regression.time < g.least_time:
+            return False
+        if geometry_check.doubtful(self._fits(), g):
             self.contradicted = True
             return True
         self.failed = verdict.rotor
@@ -242,7 +247,8 @@ class RecommendedBank:
         if t - self._frozen_since < self.config.freeze_at_most:
             self._frozen_until = t + self.config.freeze
 
-    def _learn(self, step: Step, left: Residual, variances: list[float]) -> None:
+    def _learn(self, step: Step, left: Residual, variances: list[float]) -> bool:
+        """Learn from a final tick; return whether the geometry became, or ceased to be, contradicted."""
         c = self.config
         tick, before, dt, inflation = step
         if tick.t > self._frozen_until:
@@ -250,7 +256,10 @@ class RecommendedBank:
         self.slow.feed(dt, left.e, left.h, variances)
         roll = (tick.p - before.p) / dt
         pitch = (tick.q - before.q) / dt
-        self.regression.feed(dt, left.squares, roll, pitch)
+        late = self._regression_late
+        late.append((tick.t, dt, left.squares, roll, pitch))
+        while tick.t - late[0][0] > c.geometry.delay:
+            self.regression.feed(*late.popleft()[1:])
         predicted = (roll - left.e[0], pitch - left.e[1])
         mean = self._x_mean
         gain = min(1.0, dt / c.prior.high_pass)
@@ -261,19 +270,21 @@ class RecommendedBank:
             moved = self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))
             if moved:  # what was gathered paired rates with the wrong speeds
                 self.regression = MomentRegression(self.rotors, c.prior)
+                late.clear()
         self._checked += dt
         if self._checked >= c.check_every:
             self._checked = 0.0
-            self._check()
+            return self._check()
+        return False
 
-    def _check(self) -> None:
+    def _check(self) -> bool:
         """Twice a second: gains that are not given, and whether the geometry holds."""
+        was = self.contradicted
         if self.gains.learns:
             self.gains.learn_moments(
                 self.regression.axis(0, self.gains.roll), self.regression.axis(1, self.gains.pitch)
             )
-        self._settled_fits = self._fresh_fits
-        fits = self._fresh_fits = self._fits()
+        fits = self._fits()
         g = self.config.geometry
         if geometry_check.contradicted(fits, g):
             self._strikes += 1
@@ -283,6 +294,7 @@ class RecommendedBank:
             self._strikes = 0
             if self.contradicted and geometry_check.agrees(fits, g):
                 self.contradicted = False
+        return self.contradicted != was
 
     def _fits(self) -> list[geometry_check.AxisFit]:
         if self.regression.time < self.config.geometry.least_time:
@@ -294,7 +306,3 @@ class RecommendedBank:
             geometry_check.fit_axis(self.regression, 1, self.gains.pitch, block),
         )
         return [fit for fit in found if fit is not None]
-
-    def _geometry_doubtful(self) -> bool:
-        # the fits of half a second ago and more: a fault bends the newest ones
-        return geometry_check.doubtful(self._settled_fits, self.config.geometry)
