@@ -27,7 +27,9 @@ WRAPS = {m: 2**32 * 1000 for m in (2, 26, 30, 31, 83, 116, 129)} | {SERVO_OUTPUT
 
 GAP = US  # µs of silence that are told; also what a stamp may be off before it is doubted
 WINDOW = 10 * US  # µs of one half of the least-delay window
-SETTLED = 2 * US  # µs after which a delay that grew at once was the PC's clock and not a stalled link
+SETTLED = (
+    2 * US
+)  # µs of receive time after which a delay that grew at once was the PC's clock and not a stalled link
 LOST = 60 * US  # µs that a stamp may lead while the delay is unknown
 COINCIDE = 20_000  # µs by which the two vehicle clocks may disagree before their shift is made anew
 REBOOTED, STEPPED = 2, 5  # stamps in a row that bear out a new boot, or any other step
@@ -112,7 +114,7 @@ class VehicleClock:
         self._primary: _VehicleClock | None = None
         self._delay = _LeastDelay()
         self._last_delay = 0
-        self._stalled: tuple[int, int, int] | None = None  # axis, delay before, size of a sudden delay
+        self._stalled: tuple[int, int, int] | None = None  # receive, delay before, size of a sudden delay
         self._receive: int | None = None
         self._newest: int | None = None
         self._estimated: int | None = None  # newest time given to what has no stamp
@@ -343,7 +345,7 @@ class VehicleClock:
                     clock.shift += off
             return
         if delay - self._last_delay > GAP:
-            self._stalled = (axis, least.value, delay - self._last_delay)
+            self._stalled = (axis + delay, least.value, delay - self._last_delay)
             least.restart(delay, axis)
             self._boot.delay, self._unix.delay = _LeastDelay(), _LeastDelay()
             self._newest = self._estimated = axis  # what had no stamp has run ahead meanwhile
@@ -362,9 +364,9 @@ class VehicleClock:
         at, before, size = self._stalled
         if delay < before + GAP:
             self._stalled = None
-        elif axis > at + SETTLED:
+        elif axis + delay > at + SETTLED:
             self.steps += 1
-            self._say(at, Kind.RECEIVE_STEP, size)
+            self._say(axis, Kind.RECEIVE_STEP, size)
             self._stalled = None
 
     def _estimate(self, receive: int) -> int:
