@@ -294,6 +294,8 @@ class VehicleMonitor:
         self._say("seen", f"vehicle {self.vehicle} seen")
 
     def _say(self, change: str, text: str) -> None:
+        if not self.is_vehicle:  # "seen" will tell all that is known by then
+            return
         self._pending.append(
             VehicleEvent(
                 self.last_t,

@@ -171,7 +171,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--motor", type=int, default=3, help="whose propeller leaves, the autopilot's number")
     parser.add_argument("--lost-at", type=float, default=12.0, help="seconds from the first record")
-    parser.add_argument("--duration", type=float, default=13.5, help="seconds")
+    parser.add_argument("--duration", type=float, default=13.0, help="seconds")
     args = parser.parse_args()
     args.out.write_bytes(fly(args.seed, args.motor, args.lost_at, args.duration))
     truth = {

@@ -1,0 +1,98 @@
+"""Log files as blocks of bytes: .tlog with stamps, or a raw stream without, told by their content."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from gcs_health.errors import LogError
+from gcs_health.mavlink.dialect import default_dialect
+from gcs_health.mavlink.framing import hunt
+
+BLOCK = 1 << 18  # bytes; memory is bounded by it, whatever the log's length
+# A log of ours holds a checked frame within its first MiB however damaged; what does not is no log
+SEARCHED = 1 << 20
+
+
+class Log:
+    """An open log: iterate `blocks`, once.
+
+    Attributes
+    ----------
+    name : as given, "-" is standard input.
+    stamped : whether each frame has a receive stamp before it (.tlog), or not (.tlog.raw, .rlog).
+    size : bytes, None where it cannot be known.
+    """
+
+    def __init__(self, name: str, file: BinaryIO, size: int | None) -> None:
+        self.name = name
+        self.size = size
+        self._file = file
+        self._start = _fill(file, SEARCHED)
+        if not self._start:
+            raise LogError(f"{name}: the file is empty; expected a MAVLink log (.tlog)")
+        self.stamped = self._detect()
+
+    def blocks(self, size: int = BLOCK) -> Iterator[bytes]:
+        """Yield the whole log in blocks of at most `size` bytes."""
+        for at in range(0, len(self._start), size):
+            yield self._start[at : at + size]
+        self._start = b""
+        while block := self._file.read(size):
+            yield block
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def _detect(self) -> bool:
+        """Tell stamps from none by which reading finds its first frame sooner.
+
+        Raises
+        ------
+        LogError : neither reading finds any.
+        """
+        extra_of = default_dialect().crc_extra
+        record, stamped = hunt(self._start, 0, True, extra_of, final=True)
+        frame, raw = hunt(self._start, 0, False, extra_of, final=True)
+        if not stamped and not raw:
+            raise LogError(f"{self.name}: no MAVLink in it; expected a telemetry log (.tlog)")
+        # the raw reading finds a stamped record's frame too, 8 bytes behind its stamp
+        return stamped and record <= frame
+
+
+def open_log(name: str) -> Log:
+    """Open a log by name; "-" is standard input.
+
+    Raises
+    ------
+    LogError : there is no such file, it cannot be read, it is empty, or holds no MAVLink.
+    """
+    if name == "-":
+        return Log("standard input", sys.stdin.buffer, None)
+    path = Path(name)
+    if path.is_dir():
+        raise LogError(f"{name}: this is a directory; expected a MAVLink log (.tlog)")
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise LogError(f"{name}: cannot read it: {error.strerror}") from None
+    try:
+        return Log(name, file, path.stat().st_size)
+    except LogError:
+        file.close()
+        raise
+
+
+def _fill(file: BinaryIO, size: int) -> bytes:
+    """Read up to `size` bytes; a pipe gives fewer at a time."""
+    parts, missing = [], size
+    while missing and (part := file.read(missing)):
+        parts.append(part)
+        missing -= len(part)
+    return b"".join(parts)
