@@ -1,13 +1,15 @@
-"""Which of several IMU streams the estimators see, and what filtering it has had."""
+"""Which of several IMU streams the estimators see, at what rate, and what filtering it has had.
+
+A stream is one message of one sensor: an octocopter may send HIGHRES_IMU of three sensors in turn,
+ArduPilot three messages of three. Mixed, they would be a signal that no sensor measured.
+"""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
 from gcs_health.samples import Imu, ImuReading
 
 HIGHRES_IMU, SCALED_IMU, RAW_IMU, SCALED_IMU2, SCALED_IMU3 = 105, 26, 27, 116, 129
-# float and unfiltered before int16 and low-passed; the primary IMU before its spares
-RANK = {HIGHRES_IMU: 0, SCALED_IMU: 1, RAW_IMU: 2, SCALED_IMU2: 3, SCALED_IMU3: 4}
 NAME = {
     HIGHRES_IMU: "HIGHRES_IMU",
     SCALED_IMU: "SCALED_IMU",
@@ -15,101 +17,182 @@ NAME = {
     SCALED_IMU2: "SCALED_IMU2",
     SCALED_IMU3: "SCALED_IMU3",
 }
+# floats before 1 mG and 1 mrad/s steps; the first IMU before its spares
+RANK = {message: rank for rank, message in enumerate(NAME)}
+PX4, ARDUPILOT = 12, 3  # MAV_AUTOPILOT
+FILTER_PARAMETERS = ("IMU_INTEG_RATE", "INS_ACCEL_FILTER", "INS_GYRO_FILTER")
+
 SILENT = 2.0  # s without the chosen stream until another is taken
-FASTER = 2.0  # a lower-ranked stream must be so many times faster to be preferred
-SETTLED = 20  # samples until a stream's rate is known
-PX4, ARDUPILOT = 12, 3
+WINDOW = 2.0  # s over which a rate is measured
+PAUSE = 1.0  # s; a longer interval is a gap and no part of the rate
+SLOW = 0.5  # a better stream slower than so much of another's rate gives way ...
+RECOVERED = 0.7  # ... and comes back from so much on: the distance keeps two streams from taking turns
+ANEW = 5.0  # s back in time that are another axis and not a late sample
 
 
-@dataclass(slots=True)
 class _Stream:
-    rank: tuple[int, int]
-    last: float = -math.inf
-    count: int = 0
-    interval: float = math.nan  # usual time between samples [s]
+    """One message of one sensor."""
 
-    def note(self, t: float) -> bool:
-        """Take a sample's time; False for one that does not go on."""
-        step = t - self.last
-        if step <= 0.0:
-            return False
-        if self.count:
-            usual = self.interval
-            # a clipped mean: gaps do not slow it, a faster stream is followed
-            self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
+    __slots__ = ("count", "last", "measured", "name", "rank", "rate", "since")
+
+    def __init__(self, message: int, sensor: int, t: float) -> None:
+        self.rank = (RANK.get(message, len(RANK)), sensor)
+        self.name = f"{NAME.get(message, f'message {message}')} sensor {sensor}"
+        self.rate = 0.0  # [Hz]
+        self.measured = False  # over a whole window
+        self.last = self.since = t
+        self.count = 0
+
+    def note(self, t: float, step: float) -> None:
+        """Take a sample `step` [s] after the one before."""
         self.last = t
+        if not 0.0 < step <= PAUSE:
+            if step > PAUSE and not self.measured:
+                self.rate = 1.0 / step
+            elif step > SILENT or step < 0.0:
+                self.measured = False
+            self.since, self.count = t, 0
+            return
         self.count += 1
-        return True
+        span = t - self.since
+        if span >= WINDOW:
+            self.rate, self.measured = self.count / span, True
+            self.since, self.count = t, 0
+        elif not self.measured:
+            self.rate = self.count / span
 
 
 class ImuSelection:
-    """Chooses one stream and passes only its samples on; `describe` says which and why it may be trusted."""
+    """Chooses one stream and passes its samples alone; `describe` says which, and how it was filtered.
+
+    Attributes
+    ----------
+    switches : changes of the chosen stream once it was settled.
+    duplicates : samples dropped because their stream had one of the same time.
+    """
 
     def __init__(self) -> None:
-        self._streams: dict[tuple[int, int], _Stream] = {}
-        self._chosen: tuple[int, int] | None = None
-        self._parameters: dict[str, float] = {}
         self.switches = 0
         self.duplicates = 0
+        self._streams: dict[int, _Stream] = {}
+        self._chosen: _Stream | None = None
+        self._message = 0  # of the chosen stream
+        self._first = math.nan
+        self._last_switch = ""
+        self._parameters: dict[str, float] = {}
 
     def set_parameter(self, name: str, value: float) -> None:
-        """Take a parameter that tells the filtering."""
-        if name in ("IMU_INTEG_RATE", "INS_ACCEL_FILTER", "INS_GYRO_FILTER"):
+        """Take a parameter; those that tell the filtering are kept."""
+        if name in FILTER_PARAMETERS and math.isfinite(value):
             self._parameters[name] = value
 
     def feed(self, t: float, sample: Imu) -> ImuReading | None:
-        """Return the reading if the sample is the chosen stream's and new, at vehicle time `t` [s]."""
-        key = (sample.message, sample.sensor)
+        """Return the reading if the sample is the chosen stream's, at vehicle time `t` [s].
+
+        Late samples pass, with their time; duplicates, and samples without a single value, do not.
+        """
+        _, _, message, _, _, ax, ay, az, p, q, r, sensor, _ = sample
+        key = message << 8 | sensor
         stream = self._streams.get(key)
+        if az != az and r != r and ax != ax and ay != ay and p != p and q != q:
+            return None
         if stream is None:
-            stream = self._streams[key] = _Stream((RANK.get(sample.message, 9), sample.sensor))
-        if not stream.note(t):
-            self.duplicates += 1
+            stream = self._streams[key] = _Stream(message, sensor, t)
+            if self._first != self._first:
+                self._first = t
+        else:
+            step = t - stream.last
+            if step > 0.0:
+                stream.note(t, step)
+            elif step == 0.0:
+                self.duplicates += 1
+                return None
+            elif step < -ANEW:
+                stream.note(t, step)
+                self._first = min(self._first, t)
+        if stream is not self._chosen and not self._take(t, stream, message):
             return None
-        if key != self._chosen and not self._choose(t, key, stream):
-            return None
-        return ImuReading(t, sample.ax, sample.ay, sample.az, sample.p, sample.q, sample.r)
+        return ImuReading(t, ax, ay, az, p, q, r)
 
     def rate(self) -> float:
-        """Rate of the chosen stream [Hz]; 0 before any."""
-        if self._chosen is None:
-            return 0.0
-        interval = self._streams[self._chosen].interval
-        return 1.0 / interval if interval > 0.0 else 0.0
+        """Return the rate of the chosen stream [Hz]; 0 before any."""
+        return self._chosen.rate if self._chosen is not None else 0.0
 
-    def describe(self, autopilot: int | None) -> str:
-        """Say which stream is used, at what rate, and what filters it has passed."""
+    def describe(self, autopilot: int | None = None) -> str:
+        """Say which stream is used, at what rate, and which filters it has passed on board.
+
+        Parameters
+        ----------
+        autopilot : MAV_AUTOPILOT; None = told from the parameters, if they tell.
+        """
         if self._chosen is None:
             return "no accelerations and rates in the stream"
-        message, sensor = self._chosen
+        said = [f"{self._chosen.name} at {self._chosen.rate:.0f} Hz"]
         others = len(self._streams) - 1
-        said = f"{NAME.get(message, message)} sensor {sensor} at {self.rate():.0f} Hz"
         if others:
-            said += f" ({others} other IMU stream{'s' if others > 1 else ''} left aside)"
-        return f"{said}; {self._filtering(message, autopilot)}"
+            said[0] += f" ({others} other IMU stream{'s' if others > 1 else ''} left aside)"
+        if self.switches:
+            said.append(
+                f"changed {self.switches} time{'s' if self.switches > 1 else ''}, {self._last_switch}"
+            )
+        said.append(self._filtering(autopilot))
+        return "; ".join(said)
 
-    def _choose(self, t: float, key: tuple[int, int], stream: _Stream) -> bool:
-        """Whether to take this stream instead of the chosen one."""
-        if self._chosen is not None:
-            chosen = self._streams[self._chosen]
-            silent = t - chosen.last > SILENT
-            settled = stream.count >= SETTLED and chosen.count >= SETTLED
-            faster = settled and stream.interval * FASTER < chosen.interval
-            better = stream.rank < chosen.rank and settled and stream.interval < chosen.interval * FASTER
-            if not (silent or faster or better):
+    def _take(self, t: float, stream: _Stream, message: int) -> bool:
+        """Make a stream the chosen one if there is a reason to."""
+        chosen = self._chosen
+        if chosen is not None:
+            why = self._reason(t, chosen, stream)
+            if why is None:
                 return False
-            self.switches += 1
-        self._chosen = key
+            if why:
+                self.switches += 1
+                self._last_switch = f"last at {t:.1f} s from {chosen.name}, {why}"
+        self._chosen, self._message = stream, message
         return True
 
-    def _filtering(self, message: int, autopilot: int | None) -> str:
-        seen = self._parameters
-        if autopilot == PX4 and message == HIGHRES_IMU:
-            rate = seen.get("IMU_INTEG_RATE", 200.0)
-            source = "IMU_INTEG_RATE" if "IMU_INTEG_RATE" in seen else "IMU_INTEG_RATE's default"
-            return f"each a mean over {1e3 / max(rate, 1.0):.1f} ms ({source}), rotor lines may alias"
-        if autopilot == ARDUPILOT:
-            hertz = seen.get("INS_ACCEL_FILTER", 20.0)
-            source = "INS_ACCEL_FILTER" if "INS_ACCEL_FILTER" in seen else "INS_ACCEL_FILTER's default"
-            return f"low-passed at {hertz:.0f} Hz ({source}), rotor lines are attenuated"
-        return "filtering on board not known"
+    def _reason(self, t: float, chosen: _Stream, stream: _Stream) -> str | None:
+        """Return why `stream` should take over: "" while still settling, None = it should not."""
+        better = stream.rank < chosen.rank
+        if t - chosen.last > SILENT:
+            return "which fell silent"
+        if t < chosen.last - ANEW:
+            return ""  # the axis began anew and the chosen stream has not come back to it
+        if better and t - self._first <= WINDOW:
+            return ""
+        if not (stream.measured and chosen.measured):
+            return None
+        if better and stream.rate >= RECOVERED * chosen.rate:
+            return "the lesser one"
+        if not better and chosen.rate < SLOW * stream.rate:
+            return "the slower one"
+        return None
+
+    def _filtering(self, autopilot: int | None) -> str:
+        if autopilot is None:
+            autopilot = next((PX4 if n == "IMU_INTEG_RATE" else ARDUPILOT for n in self._parameters), None)
+        describe: Callable[[], str] | None = None
+        if autopilot == PX4 and self._message == HIGHRES_IMU:
+            describe = self._px4_highres
+        elif autopilot == ARDUPILOT:
+            describe = self._ardupilot
+        return describe() if describe is not None else "what filtered it on board is not known"
+
+    def _px4_highres(self) -> str:
+        rate, origin = self._parameter("IMU_INTEG_RATE", 200.0)
+        return (
+            f"each sample a mean over {1e3 / max(rate, 1.0):.1f} ms ({origin}), then sent without a filter "
+            "against what lies above half the message rate: rotor lines alias (PX4 HIGHRES_IMU.hpp)"
+        )
+
+    def _ardupilot(self) -> str:
+        parts = []
+        for what, name in (("accelerations", "INS_ACCEL_FILTER"), ("rates", "INS_GYRO_FILTER")):
+            hertz, origin = self._parameter(name, 20.0)
+            how = f"low-passed at {hertz:.0f} Hz" if hertz > 0.0 else "not low-passed"
+            parts.append(f"{what} {how} ({origin})")
+        return ", ".join(parts) + ": rotor lines are attenuated (ArduPilot GCS_Common.cpp)"
+
+    def _parameter(self, name: str, default: float) -> tuple[float, str]:
+        value = self._parameters.get(name)
+        return (default, f"{name} by default") if value is None else (value, name)
