@@ -158,14 +158,14 @@ class VehicleMonitor:
             self._say("identity", "the autopilot or vehicle type was heard")
         if sample.armed is not self._armed:
             self._armed = sample.armed
-            self._read(FlightReading(t, self._armed, self._landed))
+            self._tell_flight(t)
 
     def _on_landed_state(self, t: float, sample: LandedState) -> None:
         self._landed_heard += 1
         landed = None if sample.landed_state == UNKNOWN_LANDED else sample.landed_state == ON_GROUND
         if landed is not self._landed:
             self._landed = landed
-            self._read(FlightReading(t, self._armed, self._landed))
+            self._tell_flight(t)
 
     def _on_imu(self, t: float, sample: Imu) -> None:
         self._is_autopilot(sample)
@@ -200,6 +200,9 @@ class VehicleMonitor:
                 self.first_t = self.last_t = t
                 self._slot = -math.inf
                 self._axis = True
+                if self._estimator is not None:
+                    self._estimator.reset()
+                    self._tell_flight(t)
                 continue
             if notice.kind is Kind.GAP:
                 self.gaps.append((notice.t, notice.size))
@@ -225,6 +228,10 @@ class VehicleMonitor:
     def _read(self, reading: Reading) -> None:
         if self._estimator is not None:
             self._judge(self._estimator.feed(reading))
+
+    def _tell_flight(self, t: float) -> None:
+        if self._armed is not None or self._landed is not None:
+            self._read(FlightReading(t, self._armed, self._landed))
 
     def _routine(self, t: float) -> None:
         """What falls due with time: an assumed airframe, what is missing, the regular estimates."""
@@ -262,7 +269,7 @@ class VehicleMonitor:
         self.worst.clear()
         self.rotors.set_airframe(airframe)
         self._desk = AlertDesk(airframe, self._desk.count if self._desk is not None else 0)
-        self._estimator.feed(FlightReading(self.last_t, self._armed, self._landed))
+        self._tell_flight(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
 
     def _source_is_worse_than(self, source: AirframeSource) -> bool:

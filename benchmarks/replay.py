@@ -1,0 +1,105 @@
+"""How much faster than real time a whole replay runs, on one core.
+
+    python benchmarks/replay.py                      # synthetic: 8 rotors, IMU and ESCs at 250 Hz
+    python benchmarks/replay.py FLIGHT.tlog [--vehicle FILE.toml]
+
+The synthetic log hovers with noise and ends healthy, so that the estimator never has the easy life after
+a verdict. CPU time of this process, decoding, estimator and JSON lines included; the table in
+`benchmarks/replay.md` is this command's output.
+"""
+
+import argparse
+import io
+import math
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from gcs_health.airframe import Airframe
+from gcs_health.airframe_tables import ardupilot_frame
+from gcs_health.mavlink.generated import esc
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.events import SummaryEvent, to_json
+from gcs_health.vehicle_file import load_vehicle
+
+HOVER, ROTORS, RATE = 500.0, 8, 250  # rad/s, -, Hz
+
+
+def synthetic(duration: float, seed: int = 7) -> bytes:
+    """Return a .tlog of an octocopter X at hover: rates follow the rotor speeds as the estimator models it."""
+    rng = np.random.default_rng(seed)
+    frame = ardupilot_frame(3, 1)
+    assert frame is not None
+    position = np.array([rotor.position for rotor in frame[1]])
+    spin = np.array([rotor.spin for rotor in frame[1]])
+    thrust = 9.81 / (ROTORS * HOVER**2)
+    gain = np.array([-6.0 * position[:, 1], 6.0 * position[:, 0], 0.6 * spin]) * 20 * thrust
+    stock, own = (d.MAVLink(None, srcSystem=1, srcComponent=1) for d in (mavlink, esc))
+    log, rates, speed = io.BytesIO(), np.zeros(3), np.full(ROTORS, HOVER)
+
+    def send(t: float, link: object, message: object) -> None:
+        stamp = struct.pack(">Q", 1_700_000_000_000_000 + round(t * 1e6))
+        log.write(stamp + message.pack(link))  # type: ignore[attr-defined]
+        stock.seq = own.seq = (stock.seq + 1) % 256
+
+    for name, value in (("FRAME_CLASS", 3.0), ("FRAME_TYPE", 1.0)):
+        send(0.0, stock, mavlink.MAVLink_param_value_message(name.encode(), value, 2, 2, 0))
+    for k in range(round(duration * RATE)):
+        t = 1.0 + k / RATE
+        stamp = round(t * 1e6)
+        moment = gain @ (speed**2 - HOVER**2)
+        rates = rates + moment / RATE
+        force = -thrust * float(np.sum(speed**2))
+        wanted = HOVER - 25 * np.linalg.pinv(gain * 2 * HOVER) @ rates + rng.normal(0, 6, ROTORS)
+        speed = speed + (wanted - speed) / RATE / 0.05
+        acc, gyro = rng.normal(0, 0.3, 3), rates + rng.normal(0, 0.01, 3)
+        send(t, stock, mavlink.MAVLink_highres_imu_message(
+            stamp, acc[0], acc[1], force + acc[2], *gyro, 0, 0, 0, 1013, 0, 0, 20, 63, 0))
+        rpm = np.round(speed * 30 / math.pi).astype(int).tolist()
+        for first in (0, 4):
+            send(t, own, esc.MAVLink_esc_status_message(
+                first, stamp, rpm[first : first + 4], [22.0] * 4, [5.0] * 4))
+        if k % RATE == 0:
+            send(t, stock, mavlink.MAVLink_heartbeat_message(14, 12, 129, 0, 4, 3))
+            send(t, stock, mavlink.MAVLink_extended_sys_state_message(0, 2))
+    return log.getvalue()
+
+
+def measure(data: bytes, airframe: Airframe | None) -> tuple[float, float, list[str]]:
+    """Replay once; return (flight seconds, CPU seconds, alerts)."""
+    start = time.process_time()
+    monitor = Monitor(MonitorConfig(stamped=True, airframe=airframe))
+    events = [e for at in range(0, len(data), 1 << 18) for e in monitor.feed(data[at : at + (1 << 18)])]
+    events += monitor.finish()
+    lines = [to_json(event) for event in events]
+    spent = time.process_time() - start
+    flown = max(event.duration for event in events if isinstance(event, SummaryEvent))
+    return flown, spent, [line for line in lines if '"type":"alert"' in line]
+
+
+def main() -> None:
+    """Print the ratio, best and median of several runs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("flights", nargs="*", type=Path)
+    parser.add_argument("--vehicle")
+    parser.add_argument("--duration", type=float, default=60.0, help="of the synthetic flight [s]")
+    parser.add_argument("--runs", type=int, default=5)
+    args = parser.parse_args()
+    airframe = load_vehicle(args.vehicle) if args.vehicle else None
+    logs = [(path.name, path.read_bytes()) for path in args.flights] or [
+        (f"synthetic, {ROTORS} rotors, IMU and ESC at {RATE} Hz", synthetic(args.duration))
+    ]
+    print("| flight | s | MB | times real time: best | median | alerts |\n|---|---|---|---|---|---|")
+    for name, data in logs:
+        measure(data, airframe)
+        runs = [measure(data, airframe) for _ in range(args.runs)]
+        ratios = sorted(flown / spent for flown, spent, _ in runs)
+        print(f"| {name} | {runs[0][0]:.0f} | {len(data) / 1e6:.1f} | {ratios[-1]:.0f} | "
+              f"{ratios[len(ratios) // 2]:.0f} | {len(runs[0][2])} |")
+
+
+if __name__ == "__main__":
+    main()
