@@ -2,16 +2,16 @@
 
 Zeros and repeats mean different things on the two autopilots (mavlink.md sections 3 and 4):
 
-PX4 ESC_STATUS     rpm 0 with 0 V where volts were seen = no data; with volts = stopped; where no ESC
-                   ever gave volts a zero is a stopped rotor once it has turned.
+PX4 ESC_STATUS     rpm 0 at 0 V where volts were seen = no data; with volts = stopped; where an ESC never
+                   gave volts a zero is a stopped rotor once it has turned, else nobody there.
                    Older PX4 repeats ESC 0-3 in every batch (PX4#23596): a copy is no ESC of its own.
-ArduPilot          a dead ESC keeps its last V and A while a group mate lives, only rpm goes to 0, after
-ESC_TELEMETRY_x    1 s; `count` moves with each telemetry packet. Count frozen = V and A stale; rpm 0
-                   under a frozen count = unknown, not stopped.
+ArduPilot          a dead ESC keeps its last V and A while a group mate lives; only rpm goes to 0, after
+ESC_TELEMETRY_x    a second. `count` moves with each telemetry packet: frozen, V and A are stale. rpm 0
+                   is a stopped rotor while count or volts move; under a count that never moved
+                   (rpm-only DShot) for a second after speeds that were moving until then.
 """
 
 import math
-from dataclasses import dataclass, field
 from enum import StrEnum
 
 from gcs_health.airframe import Airframe
@@ -23,14 +23,21 @@ from gcs_health.samples import (
     Four,
     Outputs,
     RotorReading,
+    RotorRpm,
     Sample,
 )
 
 NAN = math.nan
-IMPOSSIBLE = 20000.0  # rad/s, 190 000 rpm: no propeller turns so fast
-LIVE_VOLTS = 1.0  # V; below, an ESC gives no voltage
-STALE_AFTER = 2.5  # usual intervals without news
+IMPOSSIBLE = 30000.0  # rad/s, 286 000 rpm: no propeller turns so fast
+LIVE_VOLTS = 0.5  # V; below, an ESC gives no voltage
+MOST_ESCS = 12  # as ESC_INFO.count
+STALE_AFTER = 2.5  # usual intervals without news, but at least ...
+STALE_LEAST = 1.0  # ... so many s
+ALIVE = 1.0  # s since count or volts moved within which ArduPilot's rpm 0 is a stopped rotor
+HELD = 0.8  # s; ArduPilot holds a lost speed for 1 s, a speed that moved since was measured
+GENUINE = 3  # batches from slot 4 on that differ from ESC 0-3 before they are believed
 COMMAND_SILENT = 2.0  # s until another output stream is taken
+ANEW = 5.0  # s back in time that are another axis and not a late sample
 ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW = 375, 36
 
 
@@ -43,196 +50,311 @@ class RotorState(StrEnum):
     STOPPED = "stopped"
 
 
-@dataclass(slots=True)
 class _Esc:
     """What one ESC index has shown so far."""
 
-    turned: bool = False
-    volts_seen: bool = False
-    speed: float = NAN  # last known [rad/s]
-    news: float = -math.inf  # when [s]
-    interval: float = NAN
-    count: int | None = None  # ArduPilot's packet counter
+    __slots__ = (
+        "changed",
+        "count",
+        "interval",
+        "moved",
+        "news",
+        "packets",
+        "raw",
+        "speed",
+        "turned",
+        "volts",
+        "volts_seen",
+        "zero",
+    )
+
+    def __init__(self) -> None:
+        self.turned = False
+        self.volts_seen = False
+        self.speed = NAN  # last known [rad/s]
+        self.news = -math.inf  # when [s]
+        self.interval = NAN  # usual time between news [s]
+        # ArduPilot's alone
+        self.count: int | None = None
+        self.packets = False  # count has ever moved
+        self.moved = -math.inf  # when count or volts last did [s]
+        self.volts = self.raw = NAN  # as last sent
+        self.changed = -math.inf  # when a speed above 0 last did [s]
+        self.zero = -math.inf  # when the speed fell to 0, if it was measured until then
 
     def note(self, t: float, speed: float) -> None:
+        """Take a known speed."""
         step = t - self.news
-        if 0.0 < step < math.inf:
+        if step > 0.0:
             usual = self.interval
-            self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
-        self.news = max(t, self.news)
-        self.speed = speed
+            if step < math.inf:
+                # a clipped mean: gaps do not slow it, a change of rate is followed
+                self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
+            self.news = t
+            self.speed = speed
+        elif step < -ANEW:
+            self.news, self.speed = t, speed
+        if speed > 0.0:
+            self.turned = True
+
+    def stopped(self, t: float, speed: float, volts: float, count: int) -> bool:
+        """Follow ArduPilot's signs of life; return whether a speed of 0 would be a stopped rotor."""
+        moved = self.count is not None and count != self.count
+        self.packets |= moved
+        if moved or (volts != self.volts and self.volts == self.volts and volts > LIVE_VOLTS):
+            self.moved = t
+        if speed > 0.0:
+            if speed != self.raw:
+                self.changed = t
+            self.zero = -math.inf
+        elif self.raw > 0.0:
+            self.zero = t if t - self.changed < HELD else -math.inf
+        self.count, self.volts, self.raw = count, volts, speed
+        return t - self.moved <= ALIVE or (not self.packets and t - self.zero <= ALIVE)
 
 
-@dataclass(slots=True)
 class _Unit:
-    """The unit of one output stream, told from the largest value it has shown; it only grows."""
+    """The unit of one output stream, told from the values it has shown so far; it only grows."""
 
-    last: float = -math.inf
-    offset: float = 0.0
-    span: float = 1.0
+    __slots__ = ("largest", "last", "least", "offset", "span")
 
-    def learn(self, largest: float) -> None:
-        if largest <= 1.001 or largest <= self.offset + self.span:
+    def __init__(self) -> None:
+        self.last = -math.inf
+        self.largest, self.least = 0.0, math.inf
+        self.offset, self.span = 0.0, 1.0
+
+    def learn(self, values: tuple[float, ...]) -> None:
+        """Widen the range seen; decide the unit anew if it grew."""
+        grown = False
+        for value in values:
+            if value > self.largest:
+                self.largest, grown = value, True
+            if 1.001 < value < self.least:
+                self.least, grown = value, True
+        if not grown or self.largest <= 1.001:
             return
-        if largest <= 2200.0 and largest >= 800.0:
-            self.offset, self.span = 1000.0, 1000.0  # PWM µs
-        elif largest <= 2047.0:
-            self.offset, self.span = 0.0, 2000.0  # DShot
-        elif largest > 2200.0:
+        if self.largest > 2200.0:
             self.offset, self.span = 0.0, 8191.0  # UAVCAN raw
+        elif self.least >= 800.0:
+            self.offset, self.span = 1000.0, 1000.0  # PWM µs
+        else:
+            self.offset, self.span = 0.0, 2000.0  # DShot
 
     def command(self, value: float) -> float:
-        if value != value:
-            return NAN
-        return min(max((value - self.offset) / self.span, 0.0), 1.0)
+        """Return a value as 0..1."""
+        return min(max((value - self.offset) / self.span, 0.0), 1.0) if value == value else NAN
 
 
-@dataclass(slots=True)
 class RotorTelemetry:
-    """Turns ESC and output samples of one vehicle into readings in the airframe's rotor order."""
+    """Turns ESC and output samples of one vehicle into readings in the airframe's rotor order.
 
-    escs: dict[int, _Esc] = field(default_factory=dict)
-    repeats: int = 0  # batches that copied ESC 0-3
-    _rotor_of: dict[int, int] = field(default_factory=dict)
-    _channel_of: tuple[int, ...] = ()  # output channel of each rotor
-    _count: int = 0
-    _last_batch: dict[int, tuple[int | None, Four, Four, Four]] = field(default_factory=dict)
-    _units: dict[tuple[int, int], _Unit] = field(default_factory=dict)
-    _outputs: tuple[int, int] | None = None
-    _online_high: bool = False
-    _info_batches: set[int] = field(default_factory=set)
-    _ardupilot: bool = False
+    Attributes
+    ----------
+    escs : what each ESC index has shown.
+    repeats : ESC_STATUS batches that were copies of ESC 0-3.
+    """
+
+    def __init__(self) -> None:
+        self.escs: dict[int, _Esc] = {}
+        self.repeats = 0
+        self._rotor_of: dict[int, int] = {}  # by ESC index
+        self._motors: tuple[tuple[int, int], ...] = ()  # (motor, ESC index) of each rotor
+        self._channels: dict[int, int] = {}  # given, by motor
+        self._channel_of: tuple[int, ...] = ()
+        self._last_batch: dict[int, tuple[int | None, Four, Four, Four]] = {}
+        self._genuine = 0
+        self._units: dict[int, _Unit] = {}
+        self._outputs: int | None = None
+        self._count = 0  # ESC_INFO.count
+        self._online_high = self._info_high = False
+        self._px4 = self._ardupilot = self._rpm_only = False
 
     def set_airframe(self, airframe: Airframe) -> None:
         """Take the order of rotors and which ESC is whose."""
-        self._count = len(airframe.rotors)
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
-        self._channel_of = tuple(rotor.esc for rotor in airframe.rotors)
+        self._motors = tuple((rotor.motor, rotor.esc) for rotor in airframe.rotors)
+        self._find_channels()
+
+    def set_output_channels(self, channels: dict[int, int]) -> None:
+        """Take which output channel (from 0) drives which motor (from 1); without it a motor's ESC index."""
+        self._channels = dict(channels)
+        self._find_channels()
 
     def feed(self, t: float, sample: Sample) -> RotorReading | CommandReading | None:
-        """Return what is new of the rotors at vehicle time `t` [s]; None if nothing is."""
+        """Return what is new of the rotors at vehicle time `t` [s]; None if nothing or no airframe is."""
         if isinstance(sample, EscStatus):
             return self._esc_status(t, sample)
-        if isinstance(sample, EscTelemetry):
-            return self._esc_telemetry(t, sample)
         if isinstance(sample, Outputs):
             return self._command(t, sample)
+        if isinstance(sample, EscTelemetry):
+            return self._esc_telemetry(t, sample)
         if isinstance(sample, EscInfo):
-            self._info_batches.add(sample.index)
-            self._online_high |= sample.index >= 4 and bool(sample.online >> 4)
+            self._px4 = True
+            if self._count < sample.count <= MOST_ESCS:
+                self._count = sample.count
+            if sample.index >= 4:
+                self._info_high |= sample.online != 0
+                self._online_high |= sample.online >> 4 != 0
+        elif isinstance(sample, RotorRpm):
+            self._rpm_only = True
         return None
 
+    def esc_indices(self) -> tuple[int, ...]:
+        """Return the ESCs that are there: turned or gave volts, or counted by ESC_INFO."""
+        there = {k for k, esc in self.escs.items() if esc.turned or esc.volts_seen}
+        return tuple(sorted(there.union(range(self._count)) if there else there))
+
     def esc_count(self) -> int:
-        """Return how many ESCs have reported: the highest index that ever turned or gave volts, plus one."""
-        return max((k + 1 for k, esc in self.escs.items() if esc.turned or esc.volts_seen), default=0)
+        """Return the highest ESC index that is there, plus one."""
+        return max(self.esc_indices(), default=-1) + 1
 
     def state(self, esc: int, t: float) -> RotorState:
         """Return the state of ESC index `esc` at time `t` [s]."""
         known = self.escs.get(esc)
         if known is None or known.news == -math.inf:
             return RotorState.NOT_REPORTED
-        if t - known.news > max(1.0, STALE_AFTER * known.interval):
+        limit = STALE_AFTER * known.interval
+        if t - known.news > (limit if limit > STALE_LEAST else STALE_LEAST):
             return RotorState.STALE
         return RotorState.STOPPED if known.speed == 0.0 else RotorState.FRESH
 
     def rate(self, esc: int) -> float:
-        """Return how often an ESC gives news [Hz]; 0 if it does not."""
+        """Return how often ESC index `esc` gives news [Hz]; 0 if it does not."""
         known = self.escs.get(esc)
         return 1.0 / known.interval if known is not None and known.interval > 0.0 else 0.0
 
     def notes(self) -> tuple[str, ...]:
-        """Say what kind of telemetry this is."""
+        """Say what kind of telemetry this is and what it cannot tell."""
+        said = []
         if self._ardupilot:
-            return ("ArduPilot ESC_TELEMETRY by servo output channel; a frozen count means stale V and A",)
-        if not self.escs:
-            return ()
-        if self.repeats:
+            said.append("ArduPilot ESC_TELEMETRY by servo output channel")
+            bare = [k for k, esc in sorted(self.escs.items()) if esc.turned and esc.count == 0]
+            if bare:
+                said.append(f"speed alone, no volts or amperes, from ESC {', '.join(map(str, bare))}")
+        if self._px4:
+            said.append(self._generation())
+            turned = [esc for esc in self.escs.values() if esc.turned]
+            if turned and not any(esc.volts_seen for esc in turned):
+                said.append(
+                    "no ESC gives volts: a speed of 0 is taken for a stopped rotor, it may be lost data"
+                )
+        if self._rpm_only and not self.escs:
+            said.append("RPM or RAW_RPM alone: speed sensors that name no rotor, not used")
+        return tuple(said)
+
+    def _generation(self) -> str:
+        if self._repeating():
             return (
-                "PX4 ESC_STATUS of the first generation (to 1.15): every batch repeats ESC 0-3, "
-                "rotors from 5 on are not reported",
+                "PX4 ESC_STATUS of the first generation (to about 1.15): every batch repeats ESC 0-3, "
+                "rotors from 5 on are not reported"
             )
-        if len(self.escs) <= 4 or not any(index >= 4 for index in self._info_batches):
-            return ("PX4 ESC_STATUS; the generation cannot be told from one batch of four",)
         if self._online_high:
-            return ("PX4 ESC_STATUS of the second generation (about 1.16): slots in driver order",)
-        return ("PX4 ESC_STATUS of the third generation (after 1.16): slot = motor number - 1",)
+            return "PX4 ESC_STATUS of the second generation (about 1.16): slots in driver order"
+        if self._info_high and self._genuine >= GENUINE:
+            return "PX4 ESC_STATUS of the third generation (after 1.16): slot = motor number - 1"
+        if self._genuine >= GENUINE:
+            return (
+                "PX4 ESC_STATUS of the second or third generation: without ESC_INFO it cannot be told which"
+            )
+        return "PX4 ESC_STATUS: from one batch of four its generation cannot be told"
+
+    def _repeating(self) -> bool:
+        """Whether the batches from slot 4 on are copies; lost frames make some look genuine."""
+        return self.repeats > 0 and self._genuine <= 2 * self.repeats
+
+    def _is_copy(self, sample: EscStatus) -> bool:
+        """Whether a batch from slot 4 on is ESC 0-3 again, or may be for all that is known yet."""
+        values = (sample.speed, sample.voltage, sample.current)
+        first = self._last_batch.get(0)
+        if any(sample.speed) or any(sample.voltage):
+            if first is not None and first[1:] == values:
+                self.repeats += 1
+                return True
+            same_moment = first is not None and first[0] == sample.time_us
+            self._genuine += GENUINE if same_moment else 1
+        return self._genuine < GENUINE or self._repeating()
 
     def _esc_status(self, t: float, sample: EscStatus) -> RotorReading | None:
-        batch = (sample.time_us, sample.speed, sample.voltage, sample.current)
-        if self._last_batch.get(sample.index) == batch:
+        _, _, _, _, time_us, first, speed4, voltage4, current4 = sample
+        batch = (time_us, speed4, voltage4, current4)
+        if time_us and self._last_batch.get(first) == batch:
             return None  # a duplicate is not news
-        self._last_batch[sample.index] = batch
-        if sample.index >= 4 and any(sample.speed):
-            first = self._last_batch.get(0)
-            if first is not None and first[1:] == batch[1:]:
-                self.repeats += 1
-                return None
-        speeds, currents, volts = [NAN] * self._count, [NAN] * self._count, [NAN] * self._count
-        for j in range(4):
-            index = sample.index + j
+        self._last_batch[first] = batch
+        self._px4 = True
+        if first >= 4 and self._is_copy(sample):
+            return None
+        known: list[tuple[int, float, float, float]] = []
+        for index, speed, voltage, current in zip(
+            range(first, first + 4), speed4, voltage4, current4, strict=True
+        ):
+            speed = abs(speed)
             esc = self.escs.get(index)
             if esc is None:
                 esc = self.escs[index] = _Esc()
-            speed = abs(sample.speed[j])
-            voltage = sample.voltage[j]
             if voltage > LIVE_VOLTS:
                 esc.volts_seen = True
-            elif speed == 0.0 and (esc.volts_seen or not esc.turned):
-                continue  # zeros where there were volts: no data; zeros from the start: nobody there
+            else:
+                if speed == 0.0 and (esc.volts_seen or not esc.turned):
+                    continue
+                voltage = NAN
+                if not current:
+                    current = NAN
             if not speed < IMPOSSIBLE:
                 continue
-            esc.turned |= speed > 0.0
             esc.note(t, speed)
-            rotor = self._rotor_of.get(index)
-            if rotor is not None:
-                speeds[rotor] = speed
-                if esc.volts_seen:
-                    currents[rotor], volts[rotor] = sample.current[j], voltage
-        return self._reading(t, speeds, currents, volts)
+            known.append((index, speed, current, voltage))
+        return self._reading(t, known)
 
     def _esc_telemetry(self, t: float, sample: EscTelemetry) -> RotorReading | None:
         self._ardupilot = True
-        speeds, currents, volts = [NAN] * self._count, [NAN] * self._count, [NAN] * self._count
+        known: list[tuple[int, float, float, float]] = []
         for j in range(4):
             index = sample.index + j
             esc = self.escs.get(index)
             if esc is None:
                 esc = self.escs[index] = _Esc()
-            speed, count = sample.speed[j], sample.count[j]
-            moved = esc.count is not None and count != esc.count
-            esc.count = count
-            esc.volts_seen |= sample.voltage[j] > LIVE_VOLTS
-            if speed == 0.0 and not moved:
+            speed, voltage, current = abs(sample.speed[j]), sample.voltage[j], sample.current[j]
+            count = esc.count
+            stopped = esc.stopped(t, speed, voltage, sample.count[j])
+            if voltage > LIVE_VOLTS:
+                esc.volts_seen = True
+            if not speed < IMPOSSIBLE or (speed == 0.0 and not stopped):
                 continue
-            if not speed < IMPOSSIBLE:
+            if speed == 0.0 and not (esc.turned or esc.volts_seen):
                 continue
-            esc.turned |= speed > 0.0
             esc.note(t, speed)
+            if count is None or count == sample.count[j]:  # nothing but the speed is new
+                voltage = current = NAN
+            known.append((index, speed, current, voltage))
+        return self._reading(t, known)
+
+    def _reading(self, t: float, known: list[tuple[int, float, float, float]]) -> RotorReading | None:
+        """Put what is known of ESCs in rotor order."""
+        n = len(self._motors)
+        speeds, currents, volts, any_known = [NAN] * n, [NAN] * n, [NAN] * n, False
+        for index, speed, current, voltage in known:
             rotor = self._rotor_of.get(index)
             if rotor is not None:
-                speeds[rotor] = speed
-                if moved:
-                    currents[rotor], volts[rotor] = sample.current[j], sample.voltage[j]
-        return self._reading(t, speeds, currents, volts)
+                speeds[rotor], currents[rotor], volts[rotor], any_known = speed, current, voltage, True
+        return RotorReading(t, tuple(speeds), tuple(currents), tuple(volts)) if any_known else None
 
-    def _reading(
-        self, t: float, speeds: list[float], currents: list[float], volts: list[float]
-    ) -> RotorReading | None:
-        if all(speed != speed for speed in speeds):
-            return None
-        return RotorReading(t, tuple(speeds), tuple(currents), tuple(volts))
+    def _find_channels(self) -> None:
+        self._channel_of = tuple(self._channels.get(motor, esc) for motor, esc in self._motors)
 
     def _command(self, t: float, sample: Outputs) -> CommandReading | None:
-        stream = (sample.message, sample.port)
-        if sample.message not in (ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW) or sample.port:
+        message = sample.message
+        # ACTUATOR_CONTROL_TARGET is roll, pitch, yaw and thrust; other ports are servos and gimbals
+        if message not in (ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW) or sample.port:
             return None
-        unit = self._units.setdefault(stream, _Unit())
-        unit.learn(max((v for v in sample.value if v == v), default=0.0))
+        unit = self._units.get(message)
+        if unit is None:
+            unit = self._units[message] = _Unit()
+        values = sample.value
+        used = tuple([values[c] if 0 <= c < len(values) else NAN for c in self._channel_of])
+        unit.learn(used or values)
         unit.last = t
-        if self._outputs != stream:
-            if self._outputs is not None and t - self._units[self._outputs].last < COMMAND_SILENT:
+        if self._outputs != message:
+            if self._outputs is not None and 0.0 <= t - self._units[self._outputs].last <= COMMAND_SILENT:
                 return None
-            self._outputs = stream
-        value = sample.value
-        commands = [unit.command(value[c]) if c < len(value) else NAN for c in self._channel_of]
-        return CommandReading(t, tuple(commands)) if commands else None
+            self._outputs = message
+        return CommandReading(t, tuple([unit.command(value) for value in used])) if used else None
