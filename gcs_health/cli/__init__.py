@@ -1,0 +1,117 @@
+"""The command line: parse, call, print; one file a command. Nothing heavy is imported before it is needed.
+
+Exit codes: 0 done, 1 our bug, 2 bad usage or unreadable input, 3 alert raised with --fail-on-alert,
+130 interrupted.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from gcs_health import __version__
+from gcs_health.errors import GcsHealthError
+
+DONE, BUG, BAD_INPUT, ALERT, INTERRUPTED = 0, 1, 2, 3, 130
+
+_EXAMPLES = """\
+examples:
+  gcs-health replay flight.tlog
+  gcs-health replay flight.tlog --vehicle quad.toml --jsonl events.jsonl
+  gcs-health live udpin://0.0.0.0:14550 --record flight.tlog
+  gcs-health info flight.tlog
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit code. The only catcher of `GcsHealthError`."""
+    arguments = _parser().parse_args(argv)
+    command = import_module(f"gcs_health.cli.{arguments.command}")
+    try:
+        code: int = command.run(arguments)
+        sys.stdout.flush()
+        return code
+    except GcsHealthError as error:
+        print(f"gcs-health: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # whoever read our output has had enough; Python would complain again when it flushes at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="gcs-health",
+        description="Says, rotor by rotor, what is wrong with a multirotor, from its MAVLink.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"gcs-health {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    replay = commands.add_parser("replay", help="run recorded flights through the monitor")
+    replay.add_argument("files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input")
+    _monitor_options(replay)
+
+    live = commands.add_parser("live", help="listen to a vehicle; sends nothing unless asked to")
+    live.add_argument(
+        "endpoints",
+        nargs="+",
+        metavar="ENDPOINT",
+        help="udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT, tcpin://HOST:PORT, "
+        "serial://DEVICE:BAUD, file://PATH, or as mavutil spells them",
+    )
+    _monitor_options(live)
+    live.add_argument("--record", metavar="FILE.tlog", help="record what is received")
+    live.add_argument(
+        "--request-rates",
+        action="store_true",
+        help="ask the vehicle for the message rates that the estimators need (this transmits)",
+    )
+    live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
+
+    info = commands.add_parser("info", help="what is in a log, and what the estimators would need")
+    info.add_argument("files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input")
+    info.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry")
+    info.add_argument("--json", action="store_true", help="print one JSON object a file")
+    return parser
+
+
+def _monitor_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
+    parser.add_argument(
+        "--mode",
+        choices=("recommended", "paper"),
+        default="recommended",
+        help="recommended: single-fault bank behind a flight gate; paper: the authors' own filter",
+    )
+    parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
+    parser.add_argument(
+        "--estimate-rate",
+        type=_rate,
+        default=10.0,
+        metavar="HZ",
+        help="at most so many estimates a second and rotor, up to 10 (default)",
+    )
+    parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
+    parser.add_argument(
+        "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
+    )
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
+    return value
+
+
+def _rate(text: str) -> float:
+    value = _positive(text)
+    if value > 10.0:
+        raise argparse.ArgumentTypeError(f"expected at most 10, got {text}")
+    return value

@@ -1,0 +1,48 @@
+"""`gcs-health info`: what is in a log, per system, and what the estimators would need."""
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+from typing import Any
+
+from gcs_health.cli import BAD_INPUT, DONE
+from gcs_health.cli.text import survey_text
+from gcs_health.errors import GcsHealthError
+from gcs_health.mavlink.tlog import open_log
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.vehicle_file import load_vehicle
+
+
+def run(options: argparse.Namespace) -> int:
+    """Survey every file; an unreadable one is told and the rest still done."""
+    code = DONE
+    airframe = load_vehicle(options.vehicle) if options.vehicle else None
+    for name in options.files:
+        try:
+            with open_log(name) as log:
+                monitor = Monitor(MonitorConfig(airframe=airframe, stamped=log.stamped))
+                for block in log.blocks():
+                    monitor.feed(block)
+                monitor.finish()
+        except GcsHealthError as error:
+            print(f"gcs-health: {error}", file=sys.stderr)
+            code = BAD_INPUT
+            continue
+        survey = monitor.survey()
+        if options.json:
+            print(json.dumps({"file": name, **_plain(dataclasses.asdict(survey))}, allow_nan=False))
+        else:
+            print(survey_text(name, survey))
+    return code
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value

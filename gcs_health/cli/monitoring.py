@@ -1,0 +1,105 @@
+"""What `replay` and `live` share: the monitor from the options, and where its events go."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TextIO
+
+from gcs_health.cli.text import alert_line, notice_line, summary_text
+from gcs_health.errors import ConfigError
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
+from gcs_health.vehicle_file import load_vehicle
+
+KEY_LENGTH = 32
+
+
+def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool = False) -> Monitor:
+    """Return a monitor as the options ask.
+
+    Raises
+    ------
+    AirframeError, ConfigError : a file named in the options cannot be used.
+    """
+    return Monitor(
+        MonitorConfig(
+            airframe=load_vehicle(options.vehicle) if options.vehicle else None,
+            mode=options.mode,
+            estimate_rate=options.estimate_rate,
+            keys=(_key(options.signing_key),) if options.signing_key else (),
+            stamped=stamped,
+            keep_raw=keep_raw,
+        )
+    )
+
+
+def _key(path: str) -> bytes:
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the signing key: {error.strerror}") from None
+    if len(data) == KEY_LENGTH:
+        return data
+    try:
+        key = bytes.fromhex(data.decode("ascii").strip())
+    except ValueError:
+        key = b""
+    if len(key) != KEY_LENGTH:
+        raise ConfigError(f"{path}: expected a signing key of 32 bytes or 64 hex digits, got {len(data)} bytes")
+    return key
+
+
+class Output:
+    """Writes events: JSON lines where asked, text for people. A context manager.
+
+    Attributes
+    ----------
+    raised : whether any alert was raised.
+    vehicles : summaries seen.
+
+    Text goes to standard output, or to standard error where the JSON lines have standard output.
+    """
+
+    def __init__(self, jsonl: str | None) -> None:
+        self.raised = False
+        self.vehicles = 0
+        self._first = True
+        self._own: TextIO | None = None
+        self._lines: TextIO | None = None
+        self.text = sys.stderr if jsonl == "-" else sys.stdout
+        if jsonl == "-":
+            self._lines = sys.stdout
+        elif jsonl:
+            try:
+                self._lines = self._own = Path(jsonl).open("w", encoding="utf-8")
+            except OSError as error:
+                raise ConfigError(f"{jsonl}: cannot write the JSON lines: {error.strerror}") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._own is not None:
+            self._own.close()
+
+    def write(self, events: Iterable[Event], *, at_once: bool) -> None:
+        """Write events; `at_once` prints alerts and notices as they come (else the summary has them)."""
+        for event in events:
+            if self._lines is not None:
+                self._lines.write(to_json(event, self._first) + "\n")
+                self._first = False
+            if isinstance(event, AlertEvent):
+                self.raised |= event.state == "raised"
+                if at_once:
+                    print(alert_line(event), file=self.text, flush=True)
+            elif isinstance(event, VehicleEvent) and at_once:
+                print(notice_line(event), file=self.text, flush=True)
+            elif isinstance(event, SummaryEvent):
+                self.vehicles += 1
+                print(summary_text(event), file=self.text, flush=True)
+        if at_once and self._lines is not None:
+            self._lines.flush()

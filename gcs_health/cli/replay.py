@@ -1,0 +1,55 @@
+"""`gcs-health replay`: recorded flights through the monitor, as fast as it can."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+
+from gcs_health.cli import ALERT, BAD_INPUT, DONE
+from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.errors import GcsHealthError, LogError
+from gcs_health.mavlink.tlog import Log, open_log
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay every file; an unreadable one is told and the rest still done."""
+    code = DONE
+    make_monitor(options, stamped=True)  # what is wrong with the options is wrong for every file
+    with Output(options.jsonl) as output:
+        for name in options.files:
+            try:
+                _replay(name, options, output)
+            except GcsHealthError as error:
+                print(f"gcs-health: {error}", file=sys.stderr)
+                code = BAD_INPUT
+        if code == DONE and options.fail_on_alert and output.raised:
+            return ALERT
+    return code
+
+
+def _replay(name: str, options: argparse.Namespace, output: Output) -> None:
+    with open_log(name) as log:
+        monitor = make_monitor(options, stamped=log.stamped)
+        seen = output.vehicles
+        if len(options.files) > 1:
+            print(f"== {log.name}", file=output.text)
+        for block in _with_progress(log):
+            output.write(monitor.feed(block), at_once=False)
+        output.write(monitor.finish(), at_once=False)
+        if output.vehicles == seen:
+            systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
+            raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
+
+
+def _with_progress(log: Log) -> Iterator[bytes]:
+    """Yield the log's blocks; on a terminal a bar on standard error shows how far it is."""
+    if not sys.stderr.isatty() or log.size is None:
+        yield from log.blocks()
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("replay", total=log.size)
+        for block in log.blocks():
+            yield block
+            progress.advance(task, len(block))

@@ -1,0 +1,164 @@
+"""Events and surveys as text for people: plain columns, no colour needed."""
+
+import math
+from typing import Any
+
+from gcs_health.needs import Need
+from gcs_health.record.events import AlertEvent, SummaryEvent, VehicleEvent
+from gcs_health.survey import Survey, SystemSurvey, VehicleSurvey
+
+SEVERITY = ("EMERGENCY", "ALERT", "CRITICAL", "ERROR", "WARNING", "NOTICE", "INFO", "DEBUG")
+AUTOPILOT = {3: "ArduPilot", 12: "PX4"}
+VEHICLE_TYPE = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
+_UNIX = 1e9  # s; vehicle times above are UNIX time: shown from the flight's start instead
+
+
+def clock(t: float) -> str:
+    """Render a vehicle time: mm:ss.mmm since boot, or hh:mm:ss.mmm UTC for UNIX time."""
+    if not math.isfinite(t):
+        return "--:--"
+    milliseconds = round((t % 86400.0 if t > _UNIX else t) * 1000)
+    minutes, rest = divmod(milliseconds, 60_000)
+    seconds = f"{rest / 1000:06.3f}"
+    if t > _UNIX:
+        return f"{minutes // 60:02d}:{minutes % 60:02d}:{seconds} UTC"
+    return f"{minutes:02d}:{seconds}"
+
+
+def alert_line(event: AlertEvent) -> str:
+    """One alert, one line."""
+    return f"{clock(event.t)}  {SEVERITY[event.severity]}  {event.code} {event.state}: {event.text}"
+
+
+def notice_line(event: VehicleEvent) -> str:
+    """What became known of a vehicle, one line; warnings of an airframe below it."""
+    line = f"{clock(event.t)}  {event.vehicle}  {event.text}"
+    warnings = (event.airframe or {}).get("warnings") if event.change == "airframe" else None
+    for warning in warnings if isinstance(warnings, tuple) else ():
+        line += f"\n           {warning}"
+    return line
+
+
+def summary_text(event: SummaryEvent) -> str:
+    """One vehicle's flight: what was received, each rotor's state, each alert."""
+    lines = [f"vehicle {event.vehicle}, {event.duration:.1f} s"]
+    lines.append("  rates     " + _rates(event.rates))
+    gaps = event.gaps
+    if gaps["count"]:
+        lines.append(
+            f"  gaps      {gaps['count']}, longest {_number(gaps['longest'], 1)} s, "
+            f"{_number(gaps['total'], 1)} s in all"
+        )
+    lines.append("  frames    " + ", ".join(f"{k} {v}" for k, v in event.counters.items()))
+    lines += [f"  note      {note}" for note in event.notes]
+    if event.rotors:
+        lines += ["", *_rotor_table(event.rotors)]
+    lines.append("")
+    if not event.alerts:
+        lines.append("  no alert")
+    lines += [f"  {clock(_f(a['t']))}  {a['code']} {a['state']}: {a['text']}" for a in _dicts(event.alerts)]
+    return "\n".join(lines) + "\n"
+
+
+def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
+    head = f"  {'motor':<22}{'effectiveness':<16}{'P(failed)':<11}{'worst':<8}{'state'}"
+    lines = [head]
+    detectable = []
+    for rotor in _dicts(rotors):
+        final, worst = rotor["final"], rotor["worst"]
+        value = _number(final["value"], 2)
+        if _finite(final["std"]):
+            value += f" ± {final['std']:.2f}"
+        state = final["status"] + (f": {final['why']}" if final["why"] else "")
+        name = f"{rotor['motor']} {rotor['seat']}"
+        lines.append(
+            f"  {name:<22}{value:<16}{_number(final['failure_probability'], 2):<11}"
+            f"{_number(worst['failure_probability'], 2):<8}{state}"
+        )
+        for when in (final, worst):
+            if _finite(when["detectable"]):
+                detectable.append(when["detectable"])
+    if detectable:
+        lines.append(f"  smallest sudden loss that would be seen: {100 * min(detectable):.0f} % of a rotor")
+    return lines
+
+
+def _rates(rates: dict[str, Any]) -> str:
+    wanted = [f"{name} {rate:.1f} Hz" for name, rate in rates.items() if _finite(rate) and name in _TOLD]
+    others = len(rates) - len(wanted)
+    return ", ".join(wanted) + (f" and {others} more" if wanted and others else f"{others} messages" * bool(others))
+
+
+_TOLD = frozenset(
+    "HIGHRES_IMU RAW_IMU SCALED_IMU SCALED_IMU2 SCALED_IMU3 ESC_STATUS ESC_INFO ESC_TELEMETRY_1_TO_4 "
+    "ESC_TELEMETRY_5_TO_8 ESC_TELEMETRY_9_TO_12 SERVO_OUTPUT_RAW ACTUATOR_OUTPUT_STATUS".split()
+)
+
+
+def survey_text(name: str, survey: Survey) -> str:
+    """What is in a log."""
+    lines = [name]
+    if survey.first_us is not None and survey.last_us is not None:
+        lines.append(f"  {(survey.last_us - survey.first_us) * 1e-6:.1f} s by receive time")
+    lines.append("  " + ", ".join(f"{k} {v}" for k, v in survey.counters))
+    for vehicle in survey.vehicles:
+        lines += ["", *_vehicle(vehicle)]
+    for system in survey.systems:
+        lines += ["", *_system(system)]
+    return "\n".join(lines) + "\n"
+
+
+def _vehicle(vehicle: VehicleSurvey) -> list[str]:
+    autopilot = AUTOPILOT.get(vehicle.autopilot or -1, f"autopilot {vehicle.autopilot}")
+    kind = VEHICLE_TYPE.get(vehicle.vehicle_type or -1, f"MAV_TYPE {vehicle.vehicle_type}")
+    lines = [f"vehicle {vehicle.vehicle}: {autopilot}, {kind}"]
+    frame = vehicle.airframe
+    if frame is None:
+        lines.append("  airframe  not known")
+    else:
+        lines.append(f"  airframe  {frame.name} from {frame.source.value}")
+        seats = ", ".join(f"{rotor.motor} {frame.seat(k)}" for k, rotor in enumerate(frame.rotors))
+        lines.append(f"            {seats}")
+        lines += [f"            {warning}" for warning in frame.warnings]
+    lines += [f"  clock     {said}" for said in vehicle.clock]
+    lines.append(f"  IMU       {vehicle.imu}")
+    lines += [f"  ESCs      {said}" for said in vehicle.rotor_telemetry]
+    lines += [f"  gap       {length:.1f} s before {clock(t)}" for t, length in vehicle.gaps[:10]]
+    if len(vehicle.gaps) > 10:
+        lines.append(f"            and {len(vehicle.gaps) - 10} more gaps")
+    lines.append("  effectiveness needs")
+    lines += [f"    {need_text(need)}" for need in vehicle.needs]
+    return lines
+
+
+def need_text(need: Need) -> str:
+    """One input of an estimator: what there is of it, and what would give it."""
+    have = "" if need.rate != need.rate else f" {need.rate:.1f} Hz" if need.rate else " none"
+    if need.met:
+        return f"ok       {need.input.value}{have}"
+    return f"missing  {need.input.value}{have}: {need.remedy}"
+
+
+def _system(system: SystemSurvey) -> list[str]:
+    lines = [f"system {system.system}.{system.component} ({system.role}): {system.frames} frames, {system.lost} lost"]
+    for message in system.messages:
+        rate = f"{message.rate:9.2f} Hz" if _finite(message.rate) else " " * 12
+        gap = f"longest gap {message.longest_gap:.2f} s" if message.count > 1 else ""
+        lines.append(f"  {message.message:>6} {message.name:<28}{message.count:>8}{rate}  {gap}".rstrip())
+    return lines
+
+
+def _dicts(rows: tuple[Any, ...]) -> list[dict[str, Any]]:
+    return list(rows)
+
+
+def _f(value: Any) -> float:
+    return float(value)
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _number(value: Any, digits: int) -> str:
+    return f"{value:.{digits}f}" if _finite(value) else "-"
