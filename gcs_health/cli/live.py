@@ -1,0 +1,130 @@
+"""`gcs-health live`: listen, tell at once, record if asked."""
+
+import argparse
+import signal
+import sys
+from types import FrameType
+
+from gcs_health.cli import ALERT, DONE, INTERRUPTED
+from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.mavlink.endpoints import Endpoint, Links, parse_endpoint
+from gcs_health.mavlink.requests import RateRequests
+from gcs_health.mavlink.tlog import open_log
+from gcs_health.pipeline import Monitor
+from gcs_health.record.recorder import Recorder
+
+SILENT_US = 5_000_000  # until we say that nothing was heard
+
+
+def run(options: argparse.Namespace) -> int:
+    """Listen until interrupted or for `--duration`; then print the summary."""
+    endpoints = [parse_endpoint(text) for text in options.endpoints]
+    files = [endpoint for endpoint in endpoints if endpoint.kind == "file"]
+    monitor = make_monitor(options, stamped=False, keep_raw=bool(options.record))
+    with Output(options.jsonl) as output, Links([e for e in endpoints if e not in files]) as links:
+        recorder = Recorder(options.record) if options.record else None
+        session = Session(monitor, output, links, recorder, options.request_rates)
+        signal.signal(signal.SIGTERM, _interrupt)
+        code = DONE
+        try:
+            session.read_files(files)
+            if len(files) < len(endpoints):
+                session.listen(options.duration)
+        except KeyboardInterrupt:
+            code = INTERRUPTED
+        finally:
+            session.close()
+        if code == DONE and options.fail_on_alert and output.raised:
+            return ALERT
+    return code
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+class Session:
+    """One run of `live`: record first, decode second, tell at once."""
+
+    def __init__(
+        self, monitor: Monitor, output: Output, links: Links, recorder: Recorder | None, request: bool
+    ) -> None:
+        self._monitor = monitor
+        self._output = output
+        self._links = links
+        self._recorder = recorder
+        self._requests = RateRequests() if request else None
+        self._asked: set[str] = set()
+        self._heard = False
+        self._warned = False
+        self._record_warned = False
+
+    def read_files(self, files: list[Endpoint]) -> None:
+        """Feed endpoints that are files: a raw stream has no stamps and counts as received at once."""
+        for endpoint in files:
+            with open_log(endpoint.host) as log:
+                for block in log.blocks():
+                    self._output.write(self._monitor.feed(block, 0, endpoint.text), at_once=True)
+
+    def listen(self, duration: float | None) -> None:
+        """Take packets until `duration` [s] is over; for ever without one."""
+        started: int | None = None
+        for packet in self._links.packets():
+            started = packet.receive_us if started is None else started
+            if packet.data:
+                self._heard = True
+                events = self._monitor.feed(packet.data, packet.receive_us, packet.source)
+            else:
+                events = self._monitor.poll(packet.receive_us)
+            self._record(packet.receive_us)
+            self._output.write(events, at_once=True)
+            self._tell(packet.receive_us - started)
+            self._ask()
+            if duration is not None and packet.receive_us - started >= duration * 1e6:
+                return
+
+    def close(self) -> None:
+        """End of the session: the rest, the summaries, the recording on disk."""
+        self._output.write(self._monitor.finish(), at_once=True)
+        if self._recorder is not None:
+            self._recorder.write(self._monitor.take_raw(), 0)
+            self._recorder.close()
+            self._tell_recording()
+
+    def _record(self, now_us: int) -> None:
+        if self._recorder is not None:
+            self._recorder.write(self._monitor.take_raw(), now_us)
+            self._tell_recording()
+
+    def _tell_recording(self) -> None:
+        if self._recorder is not None and self._recorder.failed and not self._record_warned:
+            self._record_warned = True
+            print(f"gcs-health: {self._recorder.failed}", file=sys.stderr, flush=True)
+
+    def _tell(self, since_start_us: int) -> None:
+        for notice in self._links.notices:
+            print(f"gcs-health: {notice}", file=sys.stderr, flush=True)
+        self._links.notices.clear()
+        if since_start_us >= SILENT_US and not self._warned and not self._monitor.vehicles():
+            self._warned = True
+            heard = "MAVLink of no vehicle" if self._heard else "nothing"
+            print(
+                f"gcs-health: {heard} heard for {since_start_us / 1e6:.0f} s; is the vehicle sending to this "
+                "endpoint, and does no other program hold its port?",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def _ask(self) -> None:
+        if self._requests is None:
+            return
+        for vehicle in self._monitor.vehicles():
+            if vehicle.vehicle in self._asked or vehicle.autopilot is None:
+                continue
+            self._asked.add(vehicle.vehicle)
+            system, component = map(int, vehicle.vehicle.split("."))
+            frames, said = self._requests.to(system, component, vehicle.autopilot)
+            for frame in frames:
+                self._links.send(frame)
+            if frames:
+                print(f"gcs-health: asked {vehicle.vehicle} for {said}", file=sys.stderr, flush=True)
