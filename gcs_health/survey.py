@@ -12,8 +12,6 @@ from gcs_health.needs import Need
 if TYPE_CHECKING:
     from gcs_health.mavlink.frames import FrameBatch
 
-_MANY = 12  # frames from which arrays are faster than a loop
-
 
 @dataclass(frozen=True, slots=True)
 class MessageSurvey:
@@ -99,8 +97,8 @@ class Census:
 
     def add(self, batch: "FrameBatch") -> None:
         """Count the frames of a batch."""
-        if len(batch) < _MANY:
-            for frame in batch:
+        if batch.few:
+            for frame in batch.frames:
                 self._tally(frame.system, frame.component, frame.message).add(
                     frame.receive_us, frame.receive_us
                 )

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
 
-from gcs_health.mavlink.dialect import Dialect
-
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 SIGNED = 0x01  # the only incompatibility flag there is
 SIGNATURE_LENGTH = 13
@@ -25,7 +23,6 @@ LONGEST_RECORD = STAMP_LENGTH + 12 + 255 + SIGNATURE_LENGTH
 MAGICS = (MAGIC_V1, MAGIC_V2)
 LATEST_STAMP_BYTE = 0x0E  # second byte of a stamp: 0x000E... µs is the year 2095
 MAGIC = re.compile(b"[\xfd\xfe]")
-FEW = 12  # frames below which plain Python beats numpy's fixed costs (benchmarks/decode.py)
 
 Integers = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -67,15 +64,6 @@ def walk(data: bytes, at: int, limit: int, stamped: bool) -> Walk:
     starts: list[int] = []
     bare: list[int] = []
     end = len(data)
-    safe = end - LONGEST_RECORD
-    if stamped:  # nearly all records are a stamp and an unsigned v2 frame: follow these without ceremony
-        for _ in range(limit):
-            start = at + STAMP_LENGTH
-            if at > safe or data[start] != MAGIC_V2 or data[at] or data[start + 2]:
-                break
-            starts.append(start)
-            at = start + data[start + 1] + 12
-        limit -= len(starts)
     while limit:
         start = _start(data, at, end, stamped)
         if isinstance(start, Stop):
@@ -112,22 +100,16 @@ def frame_end(data: bytes, start: int) -> int:
     return start + data[start + 1] + (12 + SIGNATURE_LENGTH if data[start + 2] & SIGNED else 12)
 
 
-def first_fault(data: bytes, run: Walk, dialect: Dialect, final: bool) -> tuple[int, Fault | None]:
+def first_fault(data: bytes, run: Walk, extra_of: dict[int, int], final: bool) -> tuple[int, Fault | None]:
     """Check a run; return how many frames are good before the first that is not, and what ails it.
 
     A frame of an unknown id has no CRC_EXTRA: it is let through if another outline follows it.
     """
-    starts = run.starts
-    if len(starts) < FEW:
-        extra_of = dialect.crc_extra
-        for k, start in enumerate(starts):
-            fault = check(data, start, extra_of)
-            if fault is Fault.UNDECIDED and (k + 1 < len(starts) or final):
-                continue
-            if fault is not None:
-                return k, fault
-        return len(starts), None
-    return _first_fault_of_many(data, starts, dialect, final)
+    for k, start in enumerate(run.starts):
+        fault = check(data, start, extra_of)
+        if fault is not None and not (fault is Fault.UNDECIDED and (k + 1 < len(run.starts) or final)):
+            return k, fault
+    return len(run.starts), None
 
 
 def check(data: bytes, start: int, extra_of: dict[int, int]) -> Fault | None:
@@ -151,51 +133,12 @@ def check(data: bytes, start: int, extra_of: dict[int, int]) -> Fault | None:
     return None if crc & 0xFFFF == data[crc_at] | data[crc_at + 1] << 8 else Fault.CRC
 
 
-def _first_fault_of_many(
-    data: bytes, starts: list[int], dialect: Dialect, final: bool
-) -> tuple[int, Fault | None]:
-    raw = np.frombuffer(data, np.uint8)
-    first = np.array(starts)
-    v2 = raw[first] == MAGIC_V2
-    flags = np.where(v2, raw[first + 2], 0).astype(np.int64)
-    crc_at = first + raw[first + 1] + np.where(v2, 10, 6)
-    place, known = _known(dialect, message_ids(raw, first, v2))
-    # One C call a frame beats a table walked column by column: 0.2 against 0.35 µs (benchmarks/decode.py)
-    crc = np.fromiter(
-        map(mcrf4xx, [data[a + 1 : b] for a, b in zip(starts, crc_at.tolist(), strict=True)]),
-        np.int64,
-        len(starts),
-    )
-    byte = (dialect.extras[place] ^ crc) & 0xFF
-    byte ^= (byte << 4) & 0xFF
-    crc = ((crc >> 8) ^ (byte << 8) ^ (byte << 3) ^ (byte >> 4)) & 0xFFFF
-    good = (crc == raw[crc_at] | raw[crc_at + 1].astype(np.int64) << 8) | ~known
-    good &= (flags & ~SIGNED) == 0
-    if not final and not known[-1] and good[-1]:
-        good[-1] = False
-    k = int(np.argmin(good))
-    if good[k]:
-        return len(starts), None
-    return k, check(data, starts[k], dialect.crc_extra)
-
-
-def rows(data: bytes, at: Integers, length: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Gather `length` bytes from each of the places `at`: (n, length), a copy."""
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), length)
-    return windows[at]
-
-
 def message_ids(raw: np.ndarray[Any, np.dtype[np.uint8]], first: Integers, v2: Any) -> Integers:
     """Message ids of the frames that begin at `first`."""
     low = np.where(v2, first + 7, first + 5)
     ids = raw[low].astype(np.int64)
     ids[v2] |= raw[first[v2] + 8].astype(np.int64) << 8 | raw[first[v2] + 9].astype(np.int64) << 16
     return ids
-
-
-def _known(dialect: Dialect, ids: Integers) -> tuple[Integers, Any]:
-    place = np.minimum(np.searchsorted(dialect.known_ids, ids), len(dialect.known_ids) - 1)
-    return place, dialect.known_ids[place] == ids
 
 
 def good_record(data: bytes, at: int, stamped: bool, extra_of: dict[int, int]) -> bool | None:

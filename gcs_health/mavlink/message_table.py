@@ -16,6 +16,7 @@ from gcs_health.mavlink.rules import (
     Si,
     SiArray,
     Text,
+    Thousandfold,
     Together,
 )
 
@@ -28,7 +29,7 @@ MILLI_G = 9.80665e-3  # m/s²
 UINT16_MAX, INT16_MAX = 65535, 32767
 
 BOOT_US = Integer("time_usec")
-BOOT_MS = Computed(("time_boot_ms",), lambda ms: ms * 1000)
+BOOT_MS = Thousandfold("time_boot_ms")
 # HIGHRES_IMU.fields_updated: a clear bit means that the value was not measured
 ACC_BITS, GYRO_BITS = (1, 2, 4), (8, 16, 32)
 
