@@ -59,8 +59,10 @@ class ControlEffectiveness:
         self.roll_arm = [-rotor.position[1] / reach_y if reach_y > 0.0 else 0.0 for rotor in rotors]
         self.pitch_arm = [rotor.position[0] / reach_x if reach_x > 0.0 else 0.0 for rotor in rotors]
         self.spin = [float(rotor.spin) for rotor in rotors]
+        self.ones: NDArray[np.float64] = np.ones(self.rotors)
         self.thrust_given = given.thrust is not None
         self.given = (given.roll, given.pitch, given.yaw)
+        self.has_yaw = bool(given.yaw) and all(self.spin)  # the yaw row is used
         self.yaw_inertia = given.yaw_inertia or 0.0
         self.thrust = given.thrust or 0.0
         self._in_hover = self._priors(airframe, reach_x, reach_y)
@@ -73,11 +75,6 @@ class ControlEffectiveness:
     def known(self) -> bool:
         """Whether verdicts can be given: thrust is given or learned."""
         return self.thrust > 0.0
-
-    @property
-    def has_yaw(self) -> bool:
-        """Whether the yaw row is used: its gain is given and every spin is known."""
-        return bool(self.given[2]) and all(self.spin)
 
     @property
     def learns(self) -> bool:
@@ -107,7 +104,11 @@ class ControlEffectiveness:
         yaw = self.given[2] if self.has_yaw and self.given[2] else 0.0
         self.yaw = [yaw * spin for spin in self.spin]
         inertia = self.yaw_inertia if self.has_yaw else 0.0
-        self.inertia = [inertia * spin for spin in self.spin]
+        self.inertia: NDArray[np.float64] = np.array([inertia * spin for spin in self.spin])
+        # rows roll, pitch, yaw, a_z of every rotor: the columns of the model per squared speed
+        self.matrix: NDArray[np.float64] = np.array(
+            [self.roll, self.pitch, self.yaw, [-self.thrust] * self.rotors]
+        )
 
     def set_airborne(self, airborne: bool) -> None:
         """Take the autopilot's word that the vehicle flies."""
@@ -155,41 +156,15 @@ class Level:
         dt = min(dt, 0.1)
         if squares <= 0.0 or not az < 0.0:
             return False
-        self._time += dt
-        fast = min(1.0, dt / 0.1)
-        slow = min(1.0, dt / self.prior.high_pass)
-        for k, value in enumerate((squares, -az)):
-            if self._time == dt:
-                self._fast[k] = self._slow[k] = value
-            self._fast[k] += fast * (value - self._fast[k])
-            self._slow[k] += slow * (value - self._slow[k])
-        x = self._fast[0] - self._slow[0]
-        y = self._fast[1] - self._slow[1]
-        gain = min(1.0, dt / 0.5)
-        for k, value in enumerate((squares, -az)):
-            if self._time == dt:
-                self._half[k] = value
-            self._half[k] += gain * (value - self._half[k])
-        ratio = self._half[1] / self._half[0]
+        x, y, ratio = self._filter(dt, az, squares)
         if self._time < 0.5:
             return False
         if ratio < 0.75 * self._steady < math.inf:
-            # far more lift than thought possible: what was learned before was the ground's
-            self._sums = [0.0, 0.0]
-            self._high = [0.0, 0.0, 0.0]
-            self._slow = list(self._fast)
-            self._flown = self._time = 0.0
-            self._steady = ratio
-            self.thrust = 0.0
+            self._forget(ratio)
             return True
-        elif self._steady == math.inf:
-            self._steady = ratio
-        elif ratio < self._steady:
-            self._steady += min(1.0, dt / 0.3) * (ratio - self._steady)
-        elif ratio < 1.25 * self._steady:
-            self._steady += min(1.0, dt / self.prior.level_memory) * (ratio - self._steady)
-        else:
+        if ratio > 1.25 * self._steady:
             return False  # something pushes up
+        self._follow_level(dt, ratio)
         keep = math.exp(-dt / self.prior.level_memory)
         self._sums[0] = keep * self._sums[0] - az * squares * dt
         self._sums[1] = keep * self._sums[1] + squares * squares * dt
@@ -202,6 +177,41 @@ class Level:
             return False
         self.thrust = level
         return True
+
+    def _filter(self, dt: float, az: float, squares: float) -> tuple[float, float, float]:
+        """Return the changes of squares and -a_z within the last second, and the ratio of their levels."""
+        self._time += dt
+        first = self._time == dt
+        fast = min(1.0, dt / 0.1)
+        half = min(1.0, dt / 0.5)
+        slow = min(1.0, dt / self.prior.high_pass)
+        for k, value in enumerate((squares, -az)):
+            if first:
+                self._fast[k] = self._half[k] = self._slow[k] = value
+            self._fast[k] += fast * (value - self._fast[k])
+            self._half[k] += half * (value - self._half[k])
+            self._slow[k] += slow * (value - self._slow[k])
+        return (
+            self._fast[0] - self._slow[0],
+            self._fast[1] - self._slow[1],
+            self._half[1] / self._half[0],
+        )
+
+    def _forget(self, ratio: float) -> None:
+        """Start over: far more lift than thought possible, so what was learned was the ground's."""
+        self._sums = [0.0, 0.0]
+        self._high = [0.0, 0.0, 0.0]
+        self._slow = list(self._fast)
+        self._flown = self._time = 0.0
+        self._steady = ratio
+        self.thrust = 0.0
+
+    def _follow_level(self, dt: float, ratio: float) -> None:
+        """Follow the ratio down at once, for what the ground adds comes off; up slowly."""
+        if self._steady == math.inf:
+            self._steady = ratio
+        time = 0.3 if ratio < self._steady else self.prior.level_memory
+        self._steady += min(1.0, dt / time) * (ratio - self._steady)
 
     def _follows(self, level: float) -> bool:
         xx, xy, yy = self._high
@@ -228,26 +238,25 @@ class MomentRegression:
         self.moments: NDArray[np.float64] = np.zeros((size, size))  # of (u_1 .. u_n, y_p, y_q)
         self.time = 0.0  # effective time of data [s]
         self._mean: NDArray[np.float64] | None = None
-        self._sum = [0.0] * size
+        self._sum: NDArray[np.float64] = np.zeros(size)
         self._length = 0.0
 
     def gap(self) -> None:
         """Ticks are missing: no block reaches across."""
-        self._sum = [0.0] * (self.rotors + 2)
+        self._sum = np.zeros(self.rotors + 2)
         self._length = 0.0
 
-    def feed(self, dt: float, squares: list[float], roll: float, pitch: float) -> None:
+    def feed(self, dt: float, squares: NDArray[np.float64], roll: float, pitch: float) -> None:
         """Take one tick: mean squared speeds over it and measured accelerations [rad/s²]."""
         total = self._sum
-        for i, value in enumerate(squares):
-            total[i] += dt * value
+        total[:-2] += dt * squares
         total[-2] += dt * roll
         total[-1] += dt * pitch
         self._length += dt
         if self._length < self.prior.block:
             return
         length = self._length
-        values = np.array(total) / length
+        values = total / length
         self.gap()
         if self._mean is None:
             self._mean = values

@@ -1,4 +1,4 @@
-"""Do the rotors answer where the geometry puts them?
+"""Whether the rotors answer where the geometry puts them.
 
     g      coefficient of each rotor's squared speed in roll (or pitch) acceleration, all free
     cos    cosine of g with the coefficients that the geometry predicts: 1 right, 0 renumbered, -1 mirrored
@@ -22,9 +22,10 @@ from gcs_health.calibration.control_effectiveness import MomentRegression
 class GeometryConfig:
     """When a geometry is called contradicted."""
 
-    delay: float = 0.25  # s by which the data lag
-    least_time: float = 0.75  # s of data before any verdict
-    strong_f: float = 10.0
+    delay: float = 0.2  # s by which the data lag
+    least_time: float = 0.4  # s of data before any verdict
+    strong_time: float = 2.0  # s of data before flight alone contradicts a geometry
+    strong_f: float = 20.0
     strong_share: float = 0.3  # R² of the free fit
     strong_cos: float = 0.25
     strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
@@ -94,6 +95,4 @@ def doubtful(fits: list[AxisFit], config: GeometryConfig) -> bool:
 
 def agrees(fits: list[AxisFit], config: GeometryConfig) -> bool:
     """Whether both axes clearly answer as the geometry says."""
-    return len(fits) == 2 and all(
-        fit.f > config.strong_f and fit.cos > config.agree_cos for fit in fits
-    )
+    return len(fits) == 2 and all(fit.f > config.weak_f and fit.cos > config.agree_cos for fit in fits)

@@ -9,6 +9,7 @@ Rows: 0 roll, 1 pitch, 2 yaw acceleration [rad/s²], 3 vertical specific force [
 Source: sheet 1 section 6, with the start-up of sheet 5 section 3 rule 2.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -41,7 +42,6 @@ class ResidualNoise:
         self.config = config
         self.offset = [0.0] * ROWS
         self.variance = [[s * s for s in config.typical] for _ in range(MAX_AGE + 1)]
-        self.visits = [0] * (MAX_AGE + 1)
         self.coherence = [1.0] * ROWS
         self.learned_time = 0.0  # s of open gate that taught
         self._recent: deque[tuple[float, ...]] = deque()
@@ -62,54 +62,65 @@ class ResidualNoise:
             self._sum_variance[row] = sigma * sigma
 
     def restart(self) -> None:
-        """The gate opened: the offset starts anew, no sum reaches across; variances are kept."""
+        """Start anew as the gate opens: offset and sums forgotten, variances kept."""
         self.offset = [0.0] * ROWS
         self._recent.clear()
         self._recent_sum = [0.0] * ROWS
 
-    def learn(self, age: int, e: list[float], dt: float, since_open: float, inflation: float) -> None:
-        """Take one raw residual.
+    def learn(self, e: list[float], dt: float, since_open: float, inflation: float) -> None:
+        """Take one raw residual whose rotor speeds are bracketed.
 
         Parameters
         ----------
-        age : IMU ticks since the last rotor speed, 0 = bracketed.
         e : 4 raw residuals (offset not taken off); NaN = row not used.
         dt : length of the tick [s].
         since_open : time since the gate opened [s].
-        inflation : factor by which the variance is known to be raised now [-], `R x f`.
+        inflation : factor by which the variance is known to be raised now [-].
         """
         c = self.config
-        age = min(age, MAX_AGE)
-        variance = self.variance[age]
-        self.visits[age] += 1
-        grow = min(c.noise_time, max(c.noise_first_time, since_open))
-        gain = min(1.0, dt / grow)
-        if age == 0:
-            self.learned_time += dt
-            offset_time = c.offset_first_time if since_open < c.offset_time else c.offset_time
-            offset_gain = min(1.0, dt / min(offset_time, max(0.1, since_open)))
+        variance = self.variance[0]
+        gain = min(1.0, dt / min(c.noise_time, max(c.noise_first_time, since_open)))
+        self.learned_time += dt
+        offset_time = c.offset_first_time if since_open < c.offset_time else c.offset_time
+        offset_gain = min(1.0, dt / min(offset_time, max(0.1, since_open)))
         clip2 = c.noise_clip * c.noise_clip
-        share = 1.0 / inflation
-        taken = []
+        taken = [0.0] * ROWS
         for row in range(ROWS):
             d = e[row] - self.offset[row]
             if d != d:
-                taken.append(0.0)
                 continue
-            now = variance[row] * inflation
-            square = d * d
+            now = variance[row]
+            square = d * d / inflation
             if square > clip2 * now:
                 square = clip2 * now
-            variance[row] = max(variance[row] + gain * (square * share - variance[row]), c.floor[row])
-            if age == 0:
-                limit = c.offset_clip * now**0.5
-                step = limit if d > limit else (-limit if d < -limit else d)
-                self.offset[row] += offset_gain * step
-                taken.append(step)
-        if age == 0:
-            self._learn_coherence(taken, dt, gain, share)
+            learned = now + gain * (square - now)
+            variance[row] = learned if learned > c.floor[row] else c.floor[row]
+            limit = c.offset_clip * math.sqrt(now * inflation)
+            step = limit if d > limit else (-limit if d < -limit else d)
+            self.offset[row] += offset_gain * step
+            taken[row] = step
+        self._learn_coherence(taken, dt, gain, 1.0 / inflation)
+
+    def learn_aged(self, age: int, e: list[float], dt: float, since_open: float, inflation: float) -> None:
+        """Take one raw residual whose rotor speeds are `age` ticks old: teaches that age's variance."""
+        c = self.config
+        variance = self.variance[min(age, MAX_AGE)]
+        gain = min(1.0, dt / min(c.noise_time, max(c.noise_first_time, since_open)))
+        clip2 = c.noise_clip * c.noise_clip
+        offset = self.offset
+        for row in range(ROWS):
+            d = e[row] - offset[row]
+            if d != d:
+                continue
+            now = variance[row]
+            square = d * d / inflation
+            if square > clip2 * now:
+                square = clip2 * now
+            learned = now + gain * (square - now)
+            variance[row] = learned if learned > c.floor[row] else c.floor[row]
 
     def _learn_coherence(self, taken: list[float], dt: float, gain: float, share: float) -> None:
+        """`share` takes the known inflation off again."""
         length = max(1, round(self.config.coherence_time / dt))
         recent, sums = self._recent, self._recent_sum
         recent.append(tuple(taken))

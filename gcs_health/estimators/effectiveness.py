@@ -23,6 +23,8 @@ from gcs_health.estimators.stopped_motor import StoppedMotor
 from gcs_health.gate import GRAVITY
 from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
 
+__all__ = ["EffectivenessConfig", "EffectivenessEstimator"]
+
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = float("nan")
 UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
@@ -90,21 +92,7 @@ class EffectivenessEstimator:
             return []
         was = self._failed()
         doubted = self._contradicted()
-        if type(reading) is ImuReading:
-            self._imu_t = reading.t
-            changed = self._core.imu(reading)
-        elif type(reading) is RotorReading:
-            changed = self._take_speeds(reading)
-        elif type(reading) is CommandReading:
-            for i, command in enumerate(reading.command[: len(self._commands)]):
-                if command == command:
-                    self._commands[i] = command
-            return []
-        elif type(reading) is FlightReading:
-            self._take_flight(reading)
-            return []
-        else:
-            return []
+        changed = self._take(reading)
         if self._flight_over and self._flies():
             self._new_flight()
             changed = True
@@ -115,6 +103,22 @@ class EffectivenessEstimator:
         if self._contradicted() != doubted:
             return estimates
         return [estimate for estimate in estimates if now != was and estimate.rotor in (was, now)]
+
+    def _take(self, reading: Reading) -> bool:
+        """Hand a reading to its part; return whether a decision changed."""
+        kind = type(reading)
+        if kind is ImuReading:
+            self._imu_t = reading.t
+            return self._core.imu(reading)  # type: ignore[arg-type]
+        if kind is RotorReading:
+            return self._take_speeds(reading)  # type: ignore[arg-type]
+        if isinstance(reading, CommandReading):
+            for i, command in enumerate(reading.command[: len(self._commands)]):
+                if command == command:
+                    self._commands[i] = command
+        elif isinstance(reading, FlightReading):
+            self._take_flight(reading)
+        return False
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
@@ -134,7 +138,7 @@ class EffectivenessEstimator:
         return out
 
     def _in_order(self, t: float) -> bool:
-        if not t - t == 0.0:
+        if t - t != 0.0:
             self.late += 1
             return False
         if t < self._t:
@@ -238,23 +242,49 @@ class EffectivenessEstimator:
     def _probabilities(self, core: RecommendedBank) -> list[float]:
         """Posterior of each single fault: the threshold LLR alone gives .9, less never more than .89."""
         threshold = core.config.bank.llr - math.log(9.0)
-        weights = [
-            math.exp(min(llr - threshold, 700.0)) for llr in core.bank.likelihoods(core.tick_length)
-        ]
+        weights = [math.exp(min(llr - threshold, 700.0)) for llr in core.bank.likelihoods(core.tick_length)]
         total = 1.0 + sum(weights)
         return [min(weight / total, UNDECIDED) for weight in weights]
 
-    def _estimate(self, t: float, rotor: int, value: float, std: float, p: float, status: Status,
-                  reasons: list[Reason], detectable: float = NAN,
-                  evidence: tuple[tuple[str, float | str], ...] = ()) -> Estimate:
-        return Estimate(t, self.name, rotor, Quantity.EFFECTIVENESS, value, std, p, status,
-                        tuple(reasons), detectable, evidence)
+    def _estimate(
+        self,
+        t: float,
+        rotor: int,
+        value: float,
+        std: float,
+        p: float,
+        status: Status,
+        reasons: list[Reason],
+        detectable: float = NAN,
+        evidence: tuple[tuple[str, float | str], ...] = (),
+    ) -> Estimate:
+        return Estimate(
+            t,
+            self.name,
+            rotor,
+            Quantity.EFFECTIVENESS,
+            value,
+            std,
+            p,
+            status,
+            tuple(reasons),
+            detectable,
+            evidence,
+        )
 
-    def _healthy(self, core: RecommendedBank, t: float, rotor: int, reasons: list[Reason],
-                 probability: float, information: float) -> Estimate:
+    def _healthy(
+        self,
+        core: RecommendedBank,
+        t: float,
+        rotor: int,
+        reasons: list[Reason],
+        probability: float,
+        information: float,
+    ) -> Estimate:
         if core.contradicted:
-            return self._estimate(t, rotor, NAN, NAN, NAN, Status.DIVERGED,
-                                  [Reason.GEOMETRY_CONTRADICTED, *reasons])
+            return self._estimate(
+                t, rotor, NAN, NAN, NAN, Status.DIVERGED, [Reason.GEOMETRY_CONTRADICTED, *reasons]
+            )
         if not reasons and core.gate.reason is not None:
             reasons = [Reason(core.gate.reason.value)]
         if reasons and reasons != [Reason.SETTLING]:
@@ -265,18 +295,29 @@ class EffectivenessEstimator:
         detectable = core.bank.detectable(information) if core.gate.verdicts else NAN
         ratio = self._speeds[rotor] / core.hover
         evidence = (("speed_over_hover", ratio), ("since_open_s", core.gate.since_open))
-        return self._estimate(t, rotor, core.slow.effectiveness(rotor), core.slow.std(rotor),
-                              probability, status, reasons, detectable, evidence)
+        return self._estimate(
+            t,
+            rotor,
+            core.slow.effectiveness(rotor),
+            core.slow.std(rotor),
+            probability,
+            status,
+            reasons,
+            detectable,
+            evidence,
+        )
 
     def _after_failure(self, core: RecommendedBank, t: float, rotor: int, failed: int) -> Estimate:
         if rotor != failed:
-            return self._estimate(t, rotor, NAN, NAN, NAN, Status.UNOBSERVABLE,
-                                  [Reason.ANOTHER_ROTOR_FAILED])
+            return self._estimate(t, rotor, NAN, NAN, NAN, Status.UNOBSERVABLE, [Reason.ANOTHER_ROTOR_FAILED])
         if self._stopped is not None:
             evidence: tuple[tuple[str, float | str], ...] = (
-                ("rule", "motor_stopped"), ("speed_over_hover", self._stopped_ratio))
-            return self._estimate(t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE,
-                                  [Reason.MOTOR_STOPPED], NAN, evidence)
+                ("rule", "motor_stopped"),
+                ("speed_over_hover", self._stopped_ratio),
+            )
+            return self._estimate(
+                t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE, [Reason.MOTOR_STOPPED], NAN, evidence
+            )
         verdict = core.verdict
         value = min(max(1.0 - verdict.theta, 0.0), 1.5)
         threshold = core.config.bank.llr - math.log(9.0)
@@ -293,14 +334,31 @@ class EffectivenessEstimator:
             ("imu_step_s", core.blocks.step),
             ("rotor_speed_step_s", core.track.interval),
         )
-        return self._estimate(t, rotor, value, verdict.std, max(own / (1.0 + own + rival), 0.9001),
-                              Status.VALID, [], NAN, evidence)
+        return self._estimate(
+            t,
+            rotor,
+            value,
+            verdict.std,
+            max(own / (1.0 + own + rival), 0.9001),
+            Status.VALID,
+            [],
+            NAN,
+            evidence,
+        )
 
     def _paper_estimate(self, core: PaperFilter, t: float, rotor: int, common: list[Reason]) -> Estimate:
         if self._stopped == rotor:
-            return self._estimate(t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE, [Reason.MOTOR_STOPPED],
-                                  NAN, (("rule", "motor_stopped"),
-                                        ("speed_over_hover", self._stopped_ratio)))
+            return self._estimate(
+                t,
+                rotor,
+                NAN,
+                NAN,
+                0.99,
+                Status.UNOBSERVABLE,
+                [Reason.MOTOR_STOPPED],
+                NAN,
+                (("rule", "motor_stopped"), ("speed_over_hover", self._stopped_ratio)),
+            )
         reasons = self._rotor_reasons(rotor, common)
         if reasons:
             warming = t - self._first_t < self.config.absent_after
@@ -311,8 +369,17 @@ class EffectivenessEstimator:
             return self._estimate(t, rotor, core.x[rotor], std, NAN, Status.CONVERGING, [Reason.ON_GROUND])
         # P(k < k_thr) = p_threshold needs k = k_thr - 1.2816 sigma at .9
         needed = 1.0 - core.config.k_threshold + 1.2816 * std
-        return self._estimate(t, rotor, core.x[rotor], std, core.failure_probability(rotor), Status.VALID,
-                              [], needed if needed <= 1.0 else NAN, (("rule", "paper"), ("sigma", std)))
+        return self._estimate(
+            t,
+            rotor,
+            core.x[rotor],
+            std,
+            core.failure_probability(rotor),
+            Status.VALID,
+            [],
+            needed if needed <= 1.0 else NAN,
+            (("rule", "paper"), ("sigma", std)),
+        )
 
 
 def _check(airframe: Airframe, config: EffectivenessConfig) -> None:

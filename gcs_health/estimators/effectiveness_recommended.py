@@ -22,7 +22,7 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.residual_model import Residual, Step, contribution, residual
+from gcs_health.estimators.residual_model import Array, Residual, Step, calm, contribution, residual
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import GRAVITY, Closed, FlightGate
@@ -56,14 +56,16 @@ class RecommendedBank:
         self.contradicted = False
         self._before: Tick | None = None
         self._speeds: list[float] = []  # at the last tick that is final
-        self._pending: list[Step] = []
+        self._pending: list[Step] = []  # ticks beyond the last rotor speeds
+        self._held_speeds: list[list[float]] = []  # at each of them
+        self._in_bank = 0  # pending ticks that the bank has seen
         self._newest_learned = -math.inf
         self._motion = [0.0] * 5  # a_x, a_y, p, q, r, low-passed
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._strikes = 0
         # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
-        self._regression_late: deque[tuple[float, float, list[float], float, float]] = deque()
+        self._regression_late: deque[tuple[float, float, Array, float, float]] = deque()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
@@ -94,7 +96,7 @@ class RecommendedBank:
     def rotor_speeds(self, reading: RotorReading) -> bool:
         """Take one reading; return whether a verdict fell."""
         if self.track.feed(reading) and self._pending and self.gate.open:
-            return self._evaluate(True)
+            return self._evaluate()
         return False
 
     def rate_too_low(self) -> bool:
@@ -103,7 +105,7 @@ class RecommendedBank:
         return self.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
 
     def new_flight(self) -> None:
-        """A new flight begins: a failure named in the one before no longer holds."""
+        """Begin a new flight: a failure named in the one before no longer holds."""
         self.failed = None
         self.verdict = NOTHING
         self._row = self._final_row = (-1, 0)
@@ -118,7 +120,7 @@ class RecommendedBank:
         squares = 0.0
         for speed in speeds:
             squares += speed * speed
-        if not self.gains.thrust_given:
+        if not self.gains.thrust_given and self.failed is None:
             self.gains.learn_thrust(dt, tick.az, squares)
         blocked = None
         if not self.gains.known:
@@ -127,9 +129,7 @@ class RecommendedBank:
             blocked = Closed.RATE_TOO_LOW
         was_open = self.gate.open
         age = tick.t - track.covered
-        is_open = self.gate.feed(
-            tick.t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked
-        )
+        is_open = self.gate.feed(tick.t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
         gain = min(1.0, dt / c.motion_time)
         motion = self._motion
         for k, value in enumerate((tick.ax, tick.ay, tick.p, tick.q, tick.r)):
@@ -141,7 +141,12 @@ class RecommendedBank:
         spin = (motion[2] ** 2 + motion[3] ** 2 + motion[4] ** 2) / c.body_rate_scale**2
         step = Step(tick, before, dt, (1.0 + push + spin) ** 2)
         self._pending.append(step)
-        return self._evaluate(False)
+        self._held_speeds.append(speeds)
+        if tick.t <= track.covered + self.shift.shift:
+            return self._evaluate()
+        if track.interval <= min(self.tick_length, c.wait) and age < 1.5 * track.interval:
+            return False  # the next rotor speeds bracket this tick within less than a tick
+        return self._provisional(len(self._pending) - 1)
 
     def _start_over(self, speeds: list[float], opened: bool) -> None:
         """No window, no block, no offset reaches across a closed gate."""
@@ -157,26 +162,28 @@ class RecommendedBank:
             self.regression.gap()
             self.shift.gap()
             self._pending.clear()
+            self._held_speeds.clear()
+            self._in_bank = 0
         self._row = self._final_row = (-1, 0)
 
-    def _evaluate(self, speeds_came: bool) -> bool:
-        """Make final what is now bracketed; judge what is new with speeds held."""
+    def _evaluate(self) -> bool:
+        """Rotor speeds came: make final what they bracket, judge the rest anew with the newest held."""
         covered = self.track.covered + self.shift.shift
         pending = self._pending
+        self.bank.drop_provisional()
+        self._in_bank = 0
+        self._row = self._final_row
+        done = 0
         fell = False
-        todo = len(pending) - 1  # the older ones are in the bank as they stand
-        if speeds_came or pending[0].tick.t <= covered:
-            self.bank.drop_provisional()
-            self._row = self._final_row
-            done = 0
-            for step in pending:
-                if step.tick.t > covered:
-                    break
-                fell = self._make_final(step) or fell
-                done += 1
-            del pending[:done]
-            todo = 0
-        for position in range(todo, len(pending)):
+        for step in pending:
+            if step.tick.t > covered:
+                break
+            fell = self._make_final(step) or fell
+            done += 1
+        del pending[:done]
+        shift = self.shift.shift
+        self._held_speeds = [self.track.at(step.tick.t - shift) for step in pending]
+        for position in range(len(pending)):
             fell = self._provisional(position) or fell
         return fell
 
@@ -194,21 +201,33 @@ class RecommendedBank:
         return fell
 
     def _provisional(self, position: int) -> bool:
+        """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
         step = self._pending[position]
-        shift = self.shift.shift
-        before = self._speeds if position == 0 else self.track.at(step.before.t - shift)
-        speeds = self.track.at(step.tick.t - shift)
-        left = residual(step, before, speeds, self.gains, self.config.model_error)
-        age = position + 1
-        late = max(0.0, step.tick.t - self.track.covered - shift)
+        left, variances = self._held(position)
         noise = self.noise
-        variances = noise.variances(age, late, step.inflation)
-        self.bank.add_provisional(contribution(left, noise.offset, variances), -left.e[3])
         if step.tick.t > self._newest_learned:
             self._newest_learned = step.tick.t
             if step.tick.t > self._frozen_until and self.failed is None:
-                noise.learn(age, left.e, step.dt, self.gate.since_open, step.inflation)
+                noise.learn_aged(position + 1, left.e, step.dt, self.gate.since_open, step.inflation)
+        suspected = step.tick.t <= self._frozen_until or self._in_bank == position > 0
+        if not suspected and calm(left, noise.offset, variances, self.config.calm):
+            return False
+        for waited in range(self._in_bank, position):
+            self._add_provisional(*self._held(waited))
+        self._add_provisional(left, variances)
+        self._in_bank = position + 1
         return self._judge(step.tick.t)
+
+    def _held(self, position: int) -> tuple[Residual, list[float]]:
+        """Return residual and variances of a pending tick with the last rotor speeds held."""
+        step = self._pending[position]
+        before = self._held_speeds[position - 1] if position else self._speeds
+        left = residual(step, before, self._held_speeds[position], self.gains, self.config.model_error)
+        late = max(0.0, step.tick.t - self.track.covered - self.shift.shift)
+        return left, self.noise.variances(position + 1, late, step.inflation)
+
+    def _add_provisional(self, left: Residual, variances: list[float]) -> None:
+        self.bank.add_provisional(contribution(left, self.noise.offset, variances), -left.e[3])
 
     def _judge(self, t: float) -> bool:
         """Judge the bank as it stands; return whether a verdict fell."""
@@ -240,7 +259,7 @@ class RecommendedBank:
         return True
 
     def _freeze(self, t: float) -> None:
-        """A hypothesis is half way: stop learning, lest the fault become the baseline."""
+        """Stop learning while a hypothesis is half way, lest the fault become the baseline."""
         if self._frozen_since != self._frozen_since:
             self._frozen_since = t
         # but a baseline that is simply wrong must be able to mend itself
@@ -252,7 +271,7 @@ class RecommendedBank:
         c = self.config
         tick, before, dt, inflation = step
         if tick.t > self._frozen_until:
-            self.noise.learn(0, left.e, dt, self.gate.since_open, inflation)
+            self.noise.learn(left.e, dt, self.gate.since_open, inflation)
         self.slow.feed(dt, left.e, left.h, variances)
         roll = (tick.p - before.p) / dt
         pitch = (tick.q - before.q) / dt
@@ -286,7 +305,7 @@ class RecommendedBank:
             )
         fits = self._fits()
         g = self.config.geometry
-        if geometry_check.contradicted(fits, g):
+        if self.regression.time > g.strong_time and geometry_check.contradicted(fits, g):
             self._strikes += 1
             if self._strikes >= self.config.strikes:
                 self.contradicted = True

@@ -84,7 +84,7 @@ class FaultBank:
         self.final_ticks = 0
         self.ticks = 0
 
-    def add_final(self, contribution: list[float], excess: float) -> None:
+    def add_final(self, contribution: Array, excess: float) -> None:
         """Add one tick that will not change: [n_1..n_n, d_1..d_n, q] and its upward excess [m/s²].
 
         Call `drop_provisional` before the first.
@@ -102,7 +102,7 @@ class FaultBank:
             del self._excess[-self._provisional :]
             self._provisional = 0
 
-    def add_provisional(self, contribution: list[float], excess: float) -> None:
+    def add_provisional(self, contribution: Array, excess: float) -> None:
         """Add one tick whose rotor speeds may still change."""
         self._push(self._now, contribution)
         self.ticks = min(self.ticks + 1, self.config.max_ticks)
@@ -115,10 +115,10 @@ class FaultBank:
             del self._excess[: 2 * self.config.max_ticks]
 
     @staticmethod
-    def _push(sums: Array, contribution: list[float]) -> None:
+    def _push(sums: Array, contribution: Array) -> None:
         sums[1:] = sums[:-1]
         sums[0] = 0.0
-        sums += np.array(contribution)
+        sums += contribution
 
     def judge(self, tick_length: float, floor: float, excess_sigma: float) -> Verdict:
         """Return the best hypothesis over every rotor and window.
@@ -138,7 +138,7 @@ class FaultBank:
         N = self._now[first:last, :n]
         D = self._now[first:last, n : 2 * n]
         # LLR <= N² / 2D whatever the clip
-        if not ((N > 0.0) & (N * N > (2.0 * floor) * D)).any():
+        if not ((N > 0.0) & ((2.0 * floor) * D < N * N)).any():
             return NOTHING
         free = N / (D + 1e-12)
         theta = np.minimum(np.maximum(free, c.theta_low), c.theta_high)

@@ -115,7 +115,7 @@ def update_scalar(
     rather than the Joseph form: with r well above rounding (here r >= .04 against S <= 1e5) the two
     differ by 1e-12, and this one costs a third.
     """
-    if not (z - z == 0.0):  # NaN or infinite
+    if z - z != 0.0:  # NaN or infinite
         return x, P, float("nan"), float("nan")
     n = len(x)
     Ph = [0.0] * n

@@ -1,22 +1,28 @@
 """One tick under "all rotors healthy": what is left over, and what each rotor would explain of it.
 
-Rows 0 roll, 1 pitch, 2 yaw acceleration, 3 vertical specific force.
+Rows 0 roll, 1 pitch, 2 yaw acceleration, 3 vertical specific force; n rotors.
 
     u_mean = (w0² + w0 w1 + w1²) / 3      mean of u over the tick, for a speed that moves linearly;
                                           the exact partner of a rate step. a_z takes u at its end
+    h      = G u                          (4, n), signed
     e      = y - sum h_i                  (rotor acceleration taken off the yaw row)
-    M      = sum h_i² (.02 + .25 |du_i| / u_i)²     what the thrust law and timing may be wrong by
+    M      = sum h_i² (.02 + .5 |du_i| / u_i)²     what the thrust law and timing may be wrong by
 
-Plain floats: for 4 to 8 rotors faster than numpy on (4, n).
+The share of |du| in M is twice sheet 1's: it stands for some 4 ms by which rotor speeds and IMU may be
+apart unknown to anyone; with half of it the healthy flights alarm when their stamps are moved.
+
 Source: sheet 1 section 7, steps 1, 3 and 4.
 """
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_health.calibration.control_effectiveness import ControlEffectiveness
-from gcs_health.calibration.residual_noise import ROWS
 from gcs_health.estimators.ticks import Tick
 
+Array = NDArray[np.float64]
 NAN = float("nan")
 
 
@@ -30,83 +36,72 @@ class Step(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Raw residual (4), each rotor's columns (4 rows of n), model error variance (4), mean u (n)."""
+    """One tick's raw residual and columns."""
 
-    e: list[float]
-    h: tuple[list[float], list[float], list[float], list[float]]
-    model: list[float]
-    squares: list[float]
+    e: list[float]  # (4,) raw residual; NaN in a row not used
+    h: Array  # (4, n) what each healthy rotor adds
+    h2: Array  # (4, n) its square
+    model: Array  # (4,) variance of the model error
+    squares: Array  # (n,) mean squared speed [(rad/s)²]
 
 
 def residual(
-    step: Step, w0: list[float], w1: list[float], gains: ControlEffectiveness, error: tuple[float, float]
+    step: Step,
+    w0: list[float],
+    w1: list[float],
+    gains: ControlEffectiveness,
+    error: tuple[float, float],
 ) -> Residual:
-    """Return the raw residual of one step, rotor speeds w0 and w1 [rad/s] at its ends.
+    """Return the residual of one step, rotor speeds w0 and w1 (n,) [rad/s] at its ends.
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
-    Without a yaw model the third row is NaN.
+    Without a yaw model the third row is NaN and its columns 0.
     """
     tick, before, dt, _ = step
-    base, moving = error
-    yaw = gains.has_yaw
-    roll = (tick.p - before.p) / dt
-    pitch = (tick.q - before.q) / dt
-    turn = (tick.r - before.r) / dt
-    az = tick.az
-    m0 = m1 = m2 = m3 = 0.0
-    h0: list[float] = []
-    h1: list[float] = []
-    h2: list[float] = []
-    h3: list[float] = []
-    squares: list[float] = []
-    thrust = gains.thrust
-    for a, b, gp, gq, gr, gi in zip(w0, w1, gains.roll, gains.pitch, gains.yaw, gains.inertia, strict=True):
-        u0 = a * a
-        u1 = b * b
-        mean = (u0 + a * b + u1) / 3.0
-        share = base + moving * abs(u1 - u0) / (mean + 1.0)
-        share *= share
-        p = gp * mean
-        q = gq * mean
-        z = -thrust * u1
-        roll -= p
-        pitch -= q
-        az -= z
-        m0 += p * p * share
-        m1 += q * q * share
-        m3 += z * z * share
-        if yaw:
-            r = gr * mean
-            turn -= r + gi * (b - a) / dt
-            m2 += r * r * share
-            h2.append(r)
-        h0.append(p)
-        h1.append(q)
-        h3.append(z)
-        squares.append(mean)
-    return Residual([roll, pitch, turn if yaw else NAN, az], (h0, h1, h2, h3), [m0, m1, m2, m3], squares)
+    a = np.array(w0)
+    b = np.array(w1)
+    u0 = a * a
+    u1 = b * b
+    mean = (u0 + u1 + a * b) * (1.0 / 3.0)
+    h = gains.matrix * mean
+    h[3] = gains.matrix[3] * u1
+    h2 = h * h
+    share = np.abs(u1 - u0)
+    share *= error[1]
+    share /= mean + 1.0
+    share += error[0]
+    share *= share
+    roll, pitch, yaw, thrust = h.dot(gains.ones).tolist()
+    turn = NAN
+    if gains.has_yaw:
+        turn = (tick.r - before.r - float(gains.inertia.dot(b - a))) / dt - yaw
+    e = [(tick.p - before.p) / dt - roll, (tick.q - before.q) / dt - pitch, turn, tick.az - thrust]
+    return Residual(e, h, h2, h2.dot(share), mean)
 
 
-def contribution(left: Residual, offset: list[float], variances: list[float]) -> list[float]:
+def contribution(left: Residual, offset: list[float], variances: list[float]) -> Array:
     """Return [n_1 .. n_n, d_1 .. d_n, q] of one tick for the fault bank.
 
     `offset` (4) and `variances` (4) are the residual's baseline at this age; the model error is added.
     """
-    e, h, model, squares = left
+    e, h, h2, model, squares = left
     n = len(squares)
-    N = [0.0] * n
-    D = [0.0] * n
-    total = 0.0
-    for row in range(ROWS):
-        column = h[row]
-        if not column:
-            continue
-        r = e[row] - offset[row]
-        weight = 1.0 / (variances[row] + model[row])
-        rw = r * weight
-        total += r * rw
-        for i in range(n):
-            v = column[i]
-            N[i] -= v * rw
-            D[i] += v * v * weight
-    return [*N, *D, total]
+    turn = e[2] - offset[2]
+    r = np.array([e[0] - offset[0], e[1] - offset[1], turn if turn == turn else 0.0, e[3] - offset[3]])
+    weight = 1.0 / (np.array(variances) + model)
+    weighted = r * weight
+    out = np.empty(2 * n + 1)
+    out[:n] = -weighted.dot(h)
+    out[n : 2 * n] = weight.dot(h2)
+    out[2 * n] = weighted.dot(r)
+    return out
+
+
+def calm(left: Residual, offset: list[float], variances: list[float], sigmas: float) -> bool:
+    """Whether no row is further than `sigmas` from its baseline: such a tick can wait to be judged."""
+    limit = sigmas * sigmas
+    for value, base, variance in zip(left.e, offset, variances, strict=True):
+        d = value - base
+        if d * d > limit * variance:
+            return False
+    return True

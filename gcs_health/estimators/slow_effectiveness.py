@@ -1,6 +1,6 @@
 """Each rotor's effectiveness on the scale of seconds, with its standard deviation: for display.
 
-    x    loss of each rotor, 1 - k          e    raw residual, mean over 40 ms
+    x    loss of each rotor, 1 - k          e    raw residual, mean over 100 ms
     H    -h, columns of the rotors          b    offset with a memory of 25 s
     e - b = H x + noise,  x pulled towards 0 within `memory`, P_ii <= `prior`²
 
@@ -14,6 +14,9 @@ Source: sheet 1 sections 5, 7.7 and 7.9; sheet 5 section 3, partial loss.
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_health.calibration.residual_noise import ROWS
 from gcs_health.estimators import kalman
 
@@ -22,7 +25,7 @@ from gcs_health.estimators import kalman
 class SlowConfig:
     """Times and spreads of the slow filter."""
 
-    block: float = 0.04  # s
+    block: float = 0.1  # s
     memory: float = 1.5  # s, of x
     offset_memory: float = 25.0  # s
     prior: float = 0.2  # [-]
@@ -53,27 +56,16 @@ class SlowEffectiveness:
         self._ticks = 0
         self._e = [0.0] * ROWS
         self._variance = [0.0] * ROWS
-        self._h = [[0.0] * self.rotors for _ in range(ROWS)]
+        self._h: NDArray[np.float64] = np.zeros((ROWS, self.rotors))
 
-    def feed(
-        self,
-        dt: float,
-        e: list[float],
-        h: tuple[list[float], list[float], list[float], list[float]],
-        variances: list[float],
-    ) -> None:
-        """Take one final tick: raw residual (4), columns (4 rows of n or empty), variances (4)."""
+    def feed(self, dt: float, e: list[float], h: NDArray[np.float64], variances: list[float]) -> None:
+        """Take one final tick: raw residual (4), columns (4, n), variances (4)."""
         self._length += dt
         self._ticks += 1
         for row in range(ROWS):
-            column = h[row]
-            if not column:
-                continue
             self._e[row] += e[row]
             self._variance[row] += variances[row]
-            total = self._h[row]
-            for i, value in enumerate(column):
-                total[i] += value
+        self._h += h
         if self._length >= self.config.block:
             self._update()
 
@@ -89,8 +81,9 @@ class SlowEffectiveness:
         for i in range(n):
             P[i][i] += added
         gain = min(1.0, length / min(c.offset_memory, max(self.time, 0.5)))
+        columns = self._h.tolist()
         for row in range(ROWS):
-            column = self._h[row]
+            column = columns[row]
             if not any(column):
                 continue
             noise = self._variance[row] * share * share * c.correlated

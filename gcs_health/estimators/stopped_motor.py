@@ -39,39 +39,41 @@ class StoppedMotor:
         `hover` [rad/s] may be infinite = not known. `commands` [-] are NaN where not known.
         """
         c = self.config
-        low = c.stopped * hover
-        lowest = -1
+        slow, total, count = self._sort(t, speeds, c.stopped * hover)
+        if count < 3:
+            return None
+        if len(slow) == 1:
+            total -= speeds[slow[0]]
+            count -= 1
+        if len(slow) > 1 or not total > c.others * hover * count:
+            self._flying_since = math.nan
+            return None
+        if self._flying_since != self._flying_since:
+            self._flying_since = t
+        if not slow:
+            return None
+        rotor = slow[0]
+        if not self._turned[rotor] or commands[rotor] < c.command_off:
+            return None
+        long_enough = t - self._low_since[rotor] > c.hold
+        flew_before = self._low_since[rotor] - self._flying_since > c.flying
+        return rotor if long_enough and flew_before else None
+
+    def _sort(self, t: float, speeds: list[float], low: float) -> tuple[list[int], float, int]:
+        """Return the slow rotors, the sum of all speeds and how many report."""
+        slow = []
         total = 0.0
         count = 0
-        slow = 0
         for i, speed in enumerate(speeds):
             if speed != speed:
                 continue
             total += speed
             count += 1
             if speed < low:
-                slow += 1
-                lowest = i
+                slow.append(i)
                 if self._low_since[i] != self._low_since[i]:
                     self._low_since[i] = t
             else:
                 self._turned[i] = True
                 self._low_since[i] = math.nan
-        if count < 3:
-            return None
-        if slow == 1:
-            others = (total - speeds[lowest]) / (count - 1)
-        else:
-            others = total / count
-        if slow > 1 or not others > c.others * hover:
-            self._flying_since = math.nan
-            return None
-        if self._flying_since != self._flying_since:
-            self._flying_since = t
-        if slow == 0 or not self._turned[lowest]:
-            return None
-        if commands[lowest] < c.command_off:
-            return None
-        long_enough = t - self._low_since[lowest] > c.hold
-        flew_before = self._low_since[lowest] - self._flying_since > c.flying
-        return lowest if long_enough and flew_before else None
+        return slow, total, count

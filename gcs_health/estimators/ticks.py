@@ -123,14 +123,14 @@ class RotorTrack:
         self.late = 0
         self._step = UsualStep()
 
-    def feed(self, reading: RotorReading, shift: float = 0.0) -> bool:
-        """Take one reading, its times moved by `shift` [s]; return whether `covered` moved."""
-        t = reading.t + shift
+    def feed(self, reading: RotorReading) -> bool:
+        """Take one reading; return whether `covered` moved."""
+        t = reading.t
         if t - t != 0.0:
             self.late += 1
             return False
         for times, speeds, speed in zip(self.times, self.speeds, reading.speed, strict=False):
-            if not (speed - speed == 0.0):
+            if speed - speed != 0.0:
                 continue
             if times and t <= times[-1]:
                 self.late += 1
@@ -140,6 +140,9 @@ class RotorTrack:
             if len(times) > self.KEPT:
                 del times[: self.KEPT // 2]
                 del speeds[: self.KEPT // 2]
+        return self._cover()
+
+    def _cover(self) -> bool:
         covered = math.inf
         for times in self.times:
             if not times:
@@ -157,20 +160,6 @@ class RotorTrack:
     def interval(self) -> float:
         """Usual time between samples [s], NaN while unknown."""
         return self._step.value
-
-    def reported(self, rotor: int) -> bool:
-        """Whether this rotor has ever given a speed."""
-        return bool(self.times[rotor])
-
-    def latest(self, rotor: int) -> float:
-        """Return the last speed of one rotor [rad/s], NaN if it never gave one."""
-        speeds = self.speeds[rotor]
-        return speeds[-1] if speeds else math.nan
-
-    def age(self, rotor: int, t: float) -> float:
-        """Return the age of one rotor's last speed at time t [s]; infinite if it never gave one."""
-        times = self.times[rotor]
-        return t - times[-1] if times else math.inf
 
     def at(self, t: float) -> list[float]:
         """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one."""
