@@ -40,50 +40,42 @@ def rows(data: bytes, at: Integers, width: int) -> Bytes:
     return windows[at].view(np.uint8).reshape(len(at), width)
 
 
-class Candidates(NamedTuple):
-    """Records that may be, in order of place.
+class Records(NamedTuple):
+    """Good records, in order of place; those inside another's payload among them.
 
     Attributes
     ----------
     places, ends : where each record begins (its stamp) and ends.
-    good : whether it is whole, known, and checks.
-    breaks : numbers of those that are not good or not followed by the next candidate.
-    goods : numbers of those that are good.
-    partial : numbers of those that reach beyond the data.
+    breaks : numbers of those that the next does not follow directly.
+    partial : places of those that reach beyond the data: good or not cannot be told yet.
     """
 
     places: Integers
     ends: Integers
-    good: Flags
     breaks: Integers
-    goods: Integers
     partial: Integers
 
     def run(self, at: int) -> tuple[Integers, int] | None:
         """Return the places of the good records on end from `at` on, and where they end; None if none."""
-        k = int(np.searchsorted(self.places, at))
-        if k == len(self.places) or self.places[k] != at or not self.good[k]:
+        k = int(self.places.searchsorted(at))
+        if k == len(self.places) or self.places[k] != at:
             return None
-        last = int(self.breaks[np.searchsorted(self.breaks, k)])
-        if not self.good[last]:
-            last -= 1
+        last = int(self.breaks[self.breaks.searchsorted(k)])
         return self.places[k : last + 1], int(self.ends[last])
 
     def hunt(self, at: int, length: int, final: bool) -> tuple[int, bool]:
         """Do as `framing.hunt` does, over data of `length` bytes."""
-        k = int(np.searchsorted(self.places, at))
-        good = int(np.searchsorted(self.goods, k))
-        partial = int(np.searchsorted(self.partial, k))
-        first_good = int(self.goods[good]) if good < len(self.goods) else len(self.places)
-        if partial < len(self.partial) and self.partial[partial] < first_good and not final:
-            return int(self.places[self.partial[partial]]), False
-        if first_good < len(self.places):
-            return int(self.places[first_good]), True
+        good, partial = int(self.places.searchsorted(at)), int(self.partial.searchsorted(at))
+        place = int(self.places[good]) if good < len(self.places) else length
+        if partial < len(self.partial) and self.partial[partial] < place and not final:
+            return int(self.partial[partial]), False
+        if place < length:
+            return place, True
         return max(at, length - STAMP_LENGTH), False
 
 
-def find(data: bytes, dialect: Dialect) -> Candidates:
-    """Find and check all candidates in a piece of a .tlog."""
+def find(data: bytes, dialect: Dialect) -> Records:
+    """Find all good records in a piece of a .tlog."""
     raw = np.frombuffer(data, np.uint8)
     # a magic byte, its length and its flags must be there for an outline
     magic = raw[STAMP_LENGTH : max(len(raw) - 2, STAMP_LENGTH)]
@@ -96,24 +88,14 @@ def find(data: bytes, dialect: Dialect) -> Candidates:
     ends[flags & SIGNED > 0] += SIGNATURE_LENGTH
     whole = ends <= len(raw)
     good = whole & (flags <= SIGNED)
-    _check(data, places, starts, v2, good, dialect)
-    follows = np.ones(len(places), dtype=np.bool_)
-    if len(places):
-        follows[:-1] = ends[:-1] == places[1:]
-        follows[-1] = False
-    return Candidates(
-        places,
-        ends,
-        good,
-        np.flatnonzero(~(good & follows)),
-        np.flatnonzero(good),
-        np.flatnonzero(~whole),
-    )
+    _check(data, starts, v2, good, dialect)
+    partial, places, ends = places[~whole], places[good], ends[good]
+    follows = np.zeros(len(places), dtype=np.bool_)
+    follows[:-1] = ends[:-1] == places[1:]
+    return Records(places, ends, np.flatnonzero(~follows), partial)
 
 
-def _check(
-    data: bytes, places: Integers, starts: Integers, v2: Flags, good: Flags, dialect: Dialect
-) -> None:
+def _check(data: bytes, starts: Integers, v2: Flags, good: Flags, dialect: Dialect) -> None:
     """Clear `good` where the id is not known or the CRC does not hold."""
     chosen = np.flatnonzero(good)
     if not len(chosen):
@@ -124,7 +106,7 @@ def _check(
     ids = message_ids(raw, start, is_v2)
     place = np.minimum(np.searchsorted(dialect.known_ids, ids), len(dialect.known_ids) - 1)
     length = raw[start + 1] + np.where(is_v2, 9, 5)  # bytes under the CRC, magic left out
-    order = np.argsort(-length, kind="stable")
+    order = np.argsort((LONGEST_RECORD - length).astype(np.uint16), kind="stable")  # radix: small integers
     length = length[order]
     said = start[order] + 1 + length
     received = raw[said] | raw[said + 1].astype(np.uint16) << 8
@@ -149,7 +131,7 @@ def _crc(data: bytes, at: Integers, length: Integers, extra: Bytes) -> np.ndarra
     at, length, extra = at[skip:], length[skip:], extra[skip:]
     steps = (length + 1) // 2  # two bytes a step, CRC_EXTRA included
     table, table_of_byte = _tables()
-    block = rows(data, at, 2 * int(steps[0]) + 1)
+    block = rows(data, at, 2 * int(steps[0]) + 2)  # even: words stay aligned
     block[np.arange(len(at)), length] = extra
     words = np.ascontiguousarray(block[:, : 2 * int(steps[0])].view("<u2").T)
     active = np.searchsorted(-steps, -np.arange(int(steps[0])), side="left")

@@ -13,13 +13,12 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
 
-from gcs_health.mavlink.blocks import LEAST_BYTES, Candidates, find, rows
+from gcs_health.mavlink.blocks import LEAST_BYTES, Records, find, rows
 from gcs_health.mavlink.dialect import Dialect
 from gcs_health.mavlink.framing import (
     MAGIC_V2,
@@ -63,20 +62,23 @@ class FrameBatch:
     data : the bytes.
     starts : (n,) where each frame's magic byte stands.
     stamps : (n,) UNIX µs of each frame.
+    listed : the frames one by one, where that has been done; `frames` does it.
     """
+
+    __slots__ = ("_columns", "data", "listed", "starts", "stamps")
 
     def __init__(
         self,
         data: bytes,
         starts: list[int] | Integers,
         stamps: list[int] | Integers,
-        frames: list[Frame] | None = None,
+        listed: list[Frame] | None = None,
     ) -> None:
         self.data = data
         self.starts = starts
         self.stamps = stamps
-        if frames is not None:
-            self.__dict__["frames"] = frames
+        self.listed = listed
+        self._columns: FrameColumns | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -89,9 +91,14 @@ class FrameBatch:
         """Whether frame by frame is the faster way to read it."""
         return len(self.starts) < FEW
 
-    @cached_property
+    @property
     def frames(self) -> list[Frame]:
         """The frames one by one."""
+        if self.listed is None:
+            self.listed = self._list()
+        return self.listed
+
+    def _list(self) -> list[Frame]:
         data, out = self.data, []
         for start, stamp in self._places():
             length = data[start + 1]
@@ -110,9 +117,14 @@ class FrameBatch:
         for start, stamp in self._places():
             yield stamp, self.data[start : frame_end(self.data, start)]
 
-    @cached_property
+    @property
     def columns(self) -> "FrameColumns":
         """The headers as arrays, for many frames at once."""
+        if self._columns is None:
+            self._columns = self._gather()
+        return self._columns
+
+    def _gather(self) -> "FrameColumns":
         raw = np.frombuffer(self.data, np.uint8)
         first = np.asarray(self.starts, dtype=np.int64)
         v2 = raw[first] == MAGIC_V2
@@ -247,14 +259,14 @@ class FrameDecoder:
             starts.append(at)
             at = crc_at + 2
         count = len(frames)
-        self.counters.frames += count
-        self.counters.unsigned += count
-        for frame in frames:
-            sender = (frame[1], frame[2])
-            sequence = frame[4]
-            if self._sequence.get(sender, sequence - 1) + 1 & 0xFF != sequence:
+        counters, last = self.counters, self._sequence
+        counters.frames += count
+        counters.unsigned += count
+        for _, system, component, _, sequence, _ in frames:
+            sender = (system, component)
+            if last.get(sender, sequence - 1) + 1 & 0xFF != sequence:
                 self._count_gap(sender, sequence)
-            self._sequence[sender] = sequence
+            last[sender] = sequence
         return FrameBatch(data, starts, [receive_us] * count, frames)
 
     def _decode(self, data: bytes, receive_us: int, final: bool) -> FrameBatch:
@@ -295,7 +307,7 @@ class FrameDecoder:
         joined = np.concatenate([np.asarray(part, dtype=np.int64) for part in parts])
         return self._keep(data, joined, bare, receive_us)
 
-    def _hunt(self, data: bytes, at: int, many: Candidates | None, final: bool) -> tuple[int, bool]:
+    def _hunt(self, data: bytes, at: int, many: Records | None, final: bool) -> tuple[int, bool]:
         if many is not None:
             place, found = many.hunt(at, len(data), final)
         else:

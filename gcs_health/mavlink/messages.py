@@ -51,10 +51,13 @@ class MessageDecoder:
     def samples(self, batch: FrameBatch) -> list[Sample]:
         """Return the samples of a batch in its order; frames that no sample is made of are left out."""
         readers = self._readers
-        if batch.few:
+        frames = batch.listed
+        if frames is None and batch.few:
+            frames = batch.frames
+        if frames is not None:
             return [
                 reader.one(receive_us, system, component, payload)
-                for receive_us, system, component, message, _, payload in batch.frames
+                for receive_us, system, component, message, _, payload in frames
                 if (reader := readers.get(message)) is not None
             ]
         columns = batch.columns
@@ -93,7 +96,8 @@ class MessageDecoder:
 
 
 def _by_message(ids: Integers) -> list[tuple[int, Integers]]:
-    order = np.argsort(ids, kind="stable")
+    small = ids.astype(np.uint16) if ids.max() < 1 << 16 else ids  # radix sort for small integers
+    order = np.argsort(small, kind="stable")
     of = ids[order]
     edges = np.flatnonzero(np.diff(of)) + 1
     return [(int(ids[part[0]]), part) for part in np.split(order, edges)]
@@ -106,9 +110,10 @@ def _gather(columns: FrameColumns, data: bytes, message: Message, at: Integers) 
     if start[-1] + size > len(data):  # the last payload may be shorter than its message
         data = data + bytes(size)
     block = rows(data, start, size)
-    short = length < size
-    if short.any():
-        block[short[:, None] & (np.arange(size) >= length[:, None])] = 0
+    least = int(length.min())
+    if least < size:  # what was cut off were zeros
+        tail = block[:, least:]
+        tail[np.arange(least, size) >= length[:, None]] = 0
     return MessageColumns(
         at,
         columns.receive_us[at],
