@@ -129,7 +129,7 @@ def ours_live(datagrams: list[bytes]) -> int:
 
 
 def pymavlink_live(datagrams: list[bytes]) -> int:
-    """pymavlink's parse_buffer, datagram by datagram."""
+    """Pymavlink's parse_buffer, datagram by datagram."""
     link = stock.MAVLink(None)
     link.robust_parsing = True
     return sum(len(link.parse_buffer(data) or ()) for data in datagrams)
@@ -200,7 +200,9 @@ def report_live(rounds: int) -> None:
     print("\n| live, one frame a datagram | parse_buffer | ours | ratio |\n|---|---|---|---|")
     a, b = (best[name][0] / len(datagrams) * 1e6 for name in ("parse_buffer", "ours"))
     print(f"| CPU a frame [µs] | {a:.2f} | {b:.2f} | {a / b:.1f} times |")
-    print(f"| p50 of a datagram [µs] | {min(theirs):.2f} | {min(ours):.2f} | 1/{min(theirs) / min(ours):.1f} |")
+    print(
+        f"| p50 of a datagram [µs] | {min(theirs):.2f} | {min(ours):.2f} | 1/{min(theirs) / min(ours):.1f} |"
+    )
 
 
 def report_memory(megabytes: int) -> None:
@@ -214,7 +216,9 @@ def report_memory(megabytes: int) -> None:
         said = subprocess.run(
             [sys.executable, __file__, "--memory-of", str(path)], capture_output=True, text=True, check=True
         )
-        print(f"\nPeak memory above the imports over {path.stat().st_size / 1e6:.0f} MB: {said.stdout.strip()}")
+        print(
+            f"\nPeak memory above the imports over {path.stat().st_size / 1e6:.0f} MB: {said.stdout.strip()}"
+        )
 
 
 def memory_of(path: str) -> None:
@@ -236,7 +240,9 @@ DECODER = MessageDecoder(default_dialect())
 
 def main() -> None:
     """Print all tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--big", type=int, metavar="MB", help="measure memory over a log of so many MB")

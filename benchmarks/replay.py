@@ -56,12 +56,20 @@ def synthetic(duration: float, seed: int = 7) -> bytes:
         wanted = HOVER - 25 * np.linalg.pinv(gain * 2 * HOVER) @ rates + rng.normal(0, 6, ROTORS)
         speed = speed + (wanted - speed) / RATE / 0.05
         acc, gyro = rng.normal(0, 0.3, 3), rates + rng.normal(0, 0.01, 3)
-        send(t, stock, mavlink.MAVLink_highres_imu_message(
-            stamp, acc[0], acc[1], force + acc[2], *gyro, 0, 0, 0, 1013, 0, 0, 20, 63, 0))
+        send(
+            t,
+            stock,
+            mavlink.MAVLink_highres_imu_message(
+                stamp, acc[0], acc[1], force + acc[2], *gyro, 0, 0, 0, 1013, 0, 0, 20, 63, 0
+            ),
+        )
         rpm = np.round(speed * 30 / math.pi).astype(int).tolist()
         for first in (0, 4):
-            send(t, own, esc.MAVLink_esc_status_message(
-                first, stamp, rpm[first : first + 4], [22.0] * 4, [5.0] * 4))
+            send(
+                t,
+                own,
+                esc.MAVLink_esc_status_message(first, stamp, rpm[first : first + 4], [22.0] * 4, [5.0] * 4),
+            )
         if k % RATE == 0:
             send(t, stock, mavlink.MAVLink_heartbeat_message(14, 12, 129, 0, 4, 3))
             send(t, stock, mavlink.MAVLink_extended_sys_state_message(0, 2))
@@ -82,7 +90,9 @@ def measure(data: bytes, airframe: Airframe | None) -> tuple[float, float, list[
 
 def main() -> None:
     """Print the ratio, best and median of several runs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("flights", nargs="*", type=Path)
     parser.add_argument("--vehicle")
     parser.add_argument("--duration", type=float, default=60.0, help="of the synthetic flight [s]")
@@ -97,8 +107,10 @@ def main() -> None:
         measure(data, airframe)
         runs = [measure(data, airframe) for _ in range(args.runs)]
         ratios = sorted(flown / spent for flown, spent, _ in runs)
-        print(f"| {name} | {runs[0][0]:.0f} | {len(data) / 1e6:.1f} | {ratios[-1]:.0f} | "
-              f"{ratios[len(ratios) // 2]:.0f} | {len(runs[0][2])} |")
+        print(
+            f"| {name} | {runs[0][0]:.0f} | {len(data) / 1e6:.1f} | {ratios[-1]:.0f} | "
+            f"{ratios[len(ratios) // 2]:.0f} | {len(runs[0][2])} |"
+        )
 
 
 if __name__ == "__main__":

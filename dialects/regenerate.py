@@ -1,7 +1,7 @@
 """Generate `gcs_health/mavlink/generated/esc.py` from `esc.xml` with pymavlink's own generator.
 
-    python dialects/regenerate.py            # into the package
-    python dialects/regenerate.py OUT.py
+python dialects/regenerate.py            # into the package
+python dialects/regenerate.py OUT.py
 """
 
 import contextlib

@@ -70,7 +70,9 @@ class AirframeParameters:
 
     def _ardupilot(self) -> Airframe | None:
         frame_class, frame_type = self._values.get("FRAME_CLASS"), self._values.get("FRAME_TYPE")
-        if frame_class is None and "FRAME" in self._values:  # Copter to 3.4: FRAME is the type, quads only known
+        if (
+            frame_class is None and "FRAME" in self._values
+        ):  # Copter to 3.4: FRAME is the type, quads only known
             return None
         if not frame_class or frame_type is None:
             return None

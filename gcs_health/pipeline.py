@@ -12,7 +12,7 @@ from gcs_health.estimators.effectiveness import EffectivenessConfig
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.frames import FrameBatch, FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
-from gcs_health.record.events import Event, SummaryEvent
+from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
 from gcs_health.vehicle_monitor import VehicleMonitor, describe_state
 
@@ -143,7 +143,7 @@ class Monitor:
 
     def _summary(self, vehicle: VehicleMonitor) -> SummaryEvent:
         system, component = map(int, vehicle.vehicle.split("."))
-        rotors = []
+        rotors: list[Value] = []
         final = {estimate.rotor: estimate for estimate in vehicle.estimates()}
         for k, rotor in enumerate(vehicle.airframe.rotors if vehicle.airframe else ()):
             rotors.append(

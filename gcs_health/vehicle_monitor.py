@@ -32,7 +32,7 @@ from gcs_health.samples import (
 )
 
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
-NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: trackers, ground stations, companions ...
+NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: ground stations, companions ...
 MULTIROTORS = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # 0 generic; 4: some quads say helicopter
 ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the geometry
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
@@ -234,7 +234,7 @@ class VehicleMonitor:
             self._read(FlightReading(t, self._armed, self._landed))
 
     def _routine(self, t: float) -> None:
-        """What falls due with time: an assumed airframe, what is missing, the regular estimates."""
+        """Do what falls due with time: assume an airframe, say what is missing, estimate regularly."""
         if t - self.first_t >= ASSUME_AFTER and self.airframe is None and not self.unusable():
             assumed = assume_airframe(self.rotors.esc_count(), self.vehicle_type)
             if assumed is not None:

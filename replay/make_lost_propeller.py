@@ -145,18 +145,27 @@ def fly(seed: int, motor: int, lost_at: float, duration: float) -> bytes:
             force = vehicle.specific_force + rng.normal(0, 0.15, 3)
             force[:2] += [float(shake @ np.cos(phase)), float(shake @ np.sin(phase))]
             rates = vehicle.rates + rng.normal(0, 0.01, 3)
-            radio.send(t, mavlink.MAVLink_highres_imu_message(
-                stamp, *force, *rates, 0.2, 0.0, 0.4, 1013.2, 0.0, 15.0, 25.0, 0b111111, 0))
+            radio.send(
+                t,
+                mavlink.MAVLink_highres_imu_message(
+                    stamp, *force, *rates, 0.2, 0.0, 0.4, 1013.2, 0.0, 15.0, 25.0, 0b111111, 0
+                ),
+            )
         if k % 20 == 5:
             rpm = np.round((vehicle.speed + rng.normal(0, 1.0, 4)) * 30 / math.pi).astype(int)
             drive = np.where(np.arange(4) == vehicle.lost, 0.1, 1.0)
             current = drive * 2.4e-8 * vehicle.speed**3
-            radio.send(t, esc.MAVLink_esc_status_message(
-                0, stamp, rpm.tolist(), [15.6] * 4, current.tolist()))
+            radio.send(
+                t, esc.MAVLink_esc_status_message(0, stamp, rpm.tolist(), [15.6] * 4, current.tolist())
+            )
         if k % 1000 == 0:
             armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-            radio.send(t, mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, armed, 3 << 16, 4, 3))
+            radio.send(
+                t,
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, armed, 3 << 16, 4, 3
+                ),
+            )
             landed = 2 if flight > TAKEOFF + 0.3 else 1
             radio.send(t, mavlink.MAVLink_extended_sys_state_message(0, landed))
         if k % 100 == 50:
@@ -166,7 +175,9 @@ def fly(seed: int, motor: int, lost_at: float, duration: float) -> bytes:
 
 def main() -> None:
     """Write the flight and its truth."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("out", nargs="?", type=Path, default=Path(__file__).with_name("lost_propeller.tlog"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--motor", type=int, default=3, help="whose propeller leaves, the autopilot's number")
@@ -178,8 +189,12 @@ def main() -> None:
         "file": args.out.name,
         "made_by": f"replay/{Path(__file__).name} --seed {args.seed}",
         "vehicle": "simulated quadrotor X, 1.2 kg, PX4 numbering",
-        "truth": {"condition": "fault", "fault": "propeller lost", "motor": args.motor,
-                  "lost_at_vehicle_s": 1.0 + args.lost_at},
+        "truth": {
+            "condition": "fault",
+            "fault": "propeller lost",
+            "motor": args.motor,
+            "lost_at_vehicle_s": 1.0 + args.lost_at,
+        },
     }
     args.out.with_suffix(".truth.json").write_text(json.dumps(truth, indent=2) + "\n")
 

@@ -54,7 +54,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     replay = commands.add_parser("replay", help="run recorded flights through the monitor")
-    replay.add_argument("files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input")
+    replay.add_argument(
+        "files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input"
+    )
     _monitor_options(replay)
 
     live = commands.add_parser("live", help="listen to a vehicle; sends nothing unless asked to")
@@ -82,7 +84,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _monitor_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
+    parser.add_argument(
+        "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
+    )
     parser.add_argument(
         "--mode",
         choices=("recommended", "paper"),

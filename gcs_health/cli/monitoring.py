@@ -47,7 +47,9 @@ def _key(path: str) -> bytes:
     except ValueError:
         key = b""
     if len(key) != KEY_LENGTH:
-        raise ConfigError(f"{path}: expected a signing key of 32 bytes or 64 hex digits, got {len(data)} bytes")
+        raise ConfigError(
+            f"{path}: expected a signing key of 32 bytes or 64 hex digits, got {len(data)} bytes"
+        )
     return key
 
 
@@ -73,7 +75,7 @@ class Output:
             self._lines = sys.stdout
         elif jsonl:
             try:
-                self._lines = self._own = Path(jsonl).open("w", encoding="utf-8")
+                self._lines = self._own = Path(jsonl).open("w", encoding="utf-8")  # noqa: SIM115 (for the session)
             except OSError as error:
                 raise ConfigError(f"{jsonl}: cannot write the JSON lines: {error.strerror}") from None
 

@@ -86,12 +86,26 @@ def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
 def _rates(rates: dict[str, Any]) -> str:
     wanted = [f"{name} {rate:.1f} Hz" for name, rate in rates.items() if _finite(rate) and name in _TOLD]
     others = len(rates) - len(wanted)
-    return ", ".join(wanted) + (f" and {others} more" if wanted and others else f"{others} messages" * bool(others))
+    return ", ".join(wanted) + (
+        f" and {others} more" if wanted and others else f"{others} messages" * bool(others)
+    )
 
 
 _TOLD = frozenset(
-    "HIGHRES_IMU RAW_IMU SCALED_IMU SCALED_IMU2 SCALED_IMU3 ESC_STATUS ESC_INFO ESC_TELEMETRY_1_TO_4 "
-    "ESC_TELEMETRY_5_TO_8 ESC_TELEMETRY_9_TO_12 SERVO_OUTPUT_RAW ACTUATOR_OUTPUT_STATUS".split()
+    [
+        "HIGHRES_IMU",
+        "RAW_IMU",
+        "SCALED_IMU",
+        "SCALED_IMU2",
+        "SCALED_IMU3",
+        "ESC_STATUS",
+        "ESC_INFO",
+        "ESC_TELEMETRY_1_TO_4",
+        "ESC_TELEMETRY_5_TO_8",
+        "ESC_TELEMETRY_9_TO_12",
+        "SERVO_OUTPUT_RAW",
+        "ACTUATOR_OUTPUT_STATUS",
+    ]
 )
 
 
@@ -140,7 +154,9 @@ def need_text(need: Need) -> str:
 
 
 def _system(system: SystemSurvey) -> list[str]:
-    lines = [f"system {system.system}.{system.component} ({system.role}): {system.frames} frames, {system.lost} lost"]
+    lines = [
+        f"system {system.system}.{system.component} ({system.role}): {system.frames} frames, {system.lost} lost"
+    ]
     for message in system.messages:
         rate = f"{message.rate:9.2f} Hz" if _finite(message.rate) else " " * 12
         gap = f"longest gap {message.longest_gap:.2f} s" if message.count > 1 else ""

@@ -104,6 +104,11 @@ class EffectivenessEstimator:
             return estimates
         return [estimate for estimate in estimates if now != was and estimate.rotor in (was, now)]
 
+    @property
+    def bank(self) -> RecommendedBank | None:
+        """What the recommended mode knows; None in paper mode."""
+        return self._core if isinstance(self._core, RecommendedBank) else None
+
     def _take(self, reading: Reading) -> bool:
         """Hand a reading to its part; return whether a decision changed."""
         kind = type(reading)

@@ -36,6 +36,7 @@ class RecommendedBank:
     ----------
     failed : rotor that the rules name, held for the flight; None.
     verdict : the evidence at that moment.
+    open_time, flying_time : how much of the flight could be judged [s].
     contradicted : the rotors do not answer as the geometry says; nothing is named then.
     """
 
@@ -54,6 +55,8 @@ class RecommendedBank:
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
         self.contradicted = False
+        self.open_time = 0.0  # s of open gate so far
+        self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
         self._before: Tick | None = None
         self._speeds: list[float] = []  # at the last tick that is final
         self._pending: list[Step] = []  # ticks beyond the last rotor speeds
@@ -130,6 +133,7 @@ class RecommendedBank:
         was_open = self.gate.open
         age = tick.t - track.covered
         is_open = self.gate.feed(tick.t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
+        self._count_time(min(dt, 0.1), age, squares, is_open)
         gain = min(1.0, dt / c.motion_time)
         motion = self._motion
         for k, value in enumerate((tick.ax, tick.ay, tick.p, tick.q, tick.r)):
@@ -147,6 +151,12 @@ class RecommendedBank:
         if track.interval <= min(self.tick_length, c.wait) and age < 1.5 * track.interval:
             return False  # the next rotor speeds bracket this tick within less than a tick
         return self._provisional(len(self._pending) - 1)
+
+    def _count_time(self, dt: float, age: float, squares: float, is_open: bool) -> None:
+        if is_open:
+            self.open_time += dt
+        if age < 0.2 and squares > 0.36 * self.rotors * self.hover**2:
+            self.flying_time += dt
 
     def _start_over(self, speeds: list[float], opened: bool) -> None:
         """No window, no block, no offset reaches across a closed gate."""

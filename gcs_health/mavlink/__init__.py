@@ -1,0 +1,1 @@
+"""Wire knowledge, and nowhere else: framing, dialect, meaning, logs, links."""

@@ -105,7 +105,7 @@ def _check(data: bytes, starts: Integers, v2: Flags, good: Flags, dialect: Diale
     start, is_v2 = starts[chosen], v2[chosen]
     ids = message_ids(raw, start, is_v2)
     place = np.minimum(np.searchsorted(dialect.known_ids, ids), len(dialect.known_ids) - 1)
-    length = raw[start + 1] + np.where(is_v2, 9, 5)  # bytes under the CRC, magic left out
+    length = raw[start + 1].astype(np.int64) + np.where(is_v2, 9, 5)  # bytes under the CRC, magic left out
     order = np.argsort((LONGEST_RECORD - length).astype(np.uint16), kind="stable")  # radix: small integers
     length = length[order]
     said = start[order] + 1 + length

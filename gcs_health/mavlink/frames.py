@@ -65,7 +65,7 @@ class FrameBatch:
     listed : the frames one by one, where that has been done; `frames` does it.
     """
 
-    __slots__ = ("_columns", "data", "listed", "starts", "stamps")
+    __slots__ = ("_columns", "data", "listed", "stamps", "starts")
 
     def __init__(
         self,
@@ -143,7 +143,7 @@ class FrameBatch:
     def signed(self) -> list[int]:
         """Return which frames, by number, carry a signature."""
         if not self.few:
-            return np.flatnonzero(self.columns.signed).tolist()  # type: ignore[no-any-return]
+            return np.flatnonzero(self.columns.signed).tolist()
         data = self.data
         return [k for k, s in enumerate(self.starts) if data[s] == MAGIC_V2 and data[s + 2] & SIGNED]
 
@@ -415,4 +415,4 @@ class FrameDecoder:
 
 
 def _listed(values: list[int] | Integers) -> list[int]:
-    return values if isinstance(values, list) else values.tolist()  # type: ignore[no-any-return]
+    return values if isinstance(values, list) else values.tolist()

@@ -149,9 +149,7 @@ def good_record(data: bytes, at: int, stamped: bool, extra_of: dict[int, int]) -
     return check(data, run.starts[0], extra_of) is None
 
 
-def hunt(
-    data: bytes, at: int, stamped: bool, extra_of: dict[int, int], final: bool
-) -> tuple[int, bool]:
+def hunt(data: bytes, at: int, stamped: bool, extra_of: dict[int, int], final: bool) -> tuple[int, bool]:
     """Search from `at` for a record whose frame checks.
 
     Returns

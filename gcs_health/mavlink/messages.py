@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gcs_health.mavlink.blocks import rows
 from gcs_health.mavlink.dialect import Dialect, Message
 from gcs_health.mavlink.frames import FrameBatch, FrameColumns
-from gcs_health.mavlink.blocks import rows
 from gcs_health.mavlink.framing import Integers
 from gcs_health.mavlink.message_table import OTHERS, TABLE, Row
 from gcs_health.mavlink.rules import Columns, Integer, Names, Text, compiled

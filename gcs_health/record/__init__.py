@@ -1,0 +1,1 @@
+"""Events and what keeps them: the schema, JSON lines, the recorder."""

@@ -28,7 +28,7 @@ class Recorder:
         self.written = 0
         self._flushed_us = 0
         try:
-            self._file = Path(path).open("xb")
+            self._file = Path(path).open("xb")  # noqa: SIM115 (for the session)
         except FileExistsError:
             raise ConfigError(f"{path}: exists already; a recording is never overwritten") from None
         except OSError as error:

@@ -1,0 +1,1 @@
+"""Tables of facts, as TOML, each with its source in its header."""
