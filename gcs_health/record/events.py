@@ -6,7 +6,6 @@
 """
 
 import json
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 
@@ -110,6 +109,8 @@ _TYPE = {
     AlertEvent: "alert",
     SummaryEvent: "summary",
 }
+# made once: json.dumps makes a new encoder for every call that departs from its defaults
+_encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 _FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in _TYPE}
 
 
@@ -124,7 +125,7 @@ def to_json(event: Event, first: bool = False) -> str:
     line["type"] = _TYPE[kind]
     for name in _FIELDS[kind]:
         line[name] = _plain(getattr(event, name))
-    return json.dumps(line, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return _encode(line)
 
 
 def lines(events: Iterable[Event]) -> Iterator[str]:
@@ -136,10 +137,10 @@ def lines(events: Iterable[Event]) -> Iterator[str]:
 
 
 def _plain(value: object) -> object:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
+    if type(value) is float:
+        return value if value - value == 0.0 else None
+    if type(value) is dict:
         return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
+    if type(value) is tuple or type(value) is list:
         return [_plain(item) for item in value]
-    return value
+    return float(value) if isinstance(value, float) else value  # numpy's float is a float, not `float`
