@@ -1,0 +1,163 @@
+"""What flights teach: gains, residual noise by age, time shift, and whether the geometry holds."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_flight import Scenario, airframe, fly
+
+from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Rotor
+from gcs_health.calibration.control_effectiveness import (
+    ControlEffectiveness,
+    EffectivenessPrior,
+    Level,
+    MomentRegression,
+)
+from gcs_health.calibration.geometry_check import GeometryConfig, contradicted, fit_axis
+from gcs_health.calibration.residual_noise import NoiseConfig, ResidualNoise
+from gcs_health.calibration.time_shift import TimeShift
+from gcs_health.estimators.effectiveness import EffectivenessEstimator
+from gcs_health.samples import RotorReading
+
+GRAVITY = 9.80665
+
+
+def test_gains_of_the_file_are_signed_by_the_geometry() -> None:
+    rotors = (
+        Rotor(1, 0, (0.1, 0.2, 0.0), 1),
+        Rotor(2, 1, (-0.1, -0.2, 0.0), 1),
+        Rotor(3, 2, (0.05, -0.1, 0.0), -1),
+        Rotor(4, 3, (-0.1, 0.2, 0.0), -1),
+    )
+    craft = Airframe(
+        "x", rotors, AirframeSource.FILE, effectiveness=Effectiveness(2e-5, 1e-5, 3e-6, 1e-3, 5e-7)
+    )
+    gains = ControlEffectiveness(craft)
+    assert gains.roll == pytest.approx([-2e-5, 2e-5, 1e-5, -2e-5])
+    assert gains.pitch == pytest.approx([1e-5, -1e-5, 0.5e-5, -1e-5])
+    assert gains.yaw == pytest.approx([3e-6, 3e-6, -3e-6, -3e-6])
+    assert gains.known
+    assert not gains.learns
+
+
+def test_priors_come_from_inertia_else_from_the_arm() -> None:
+    craft = replace(airframe(4, known=False), mass=1.0, inertia=(0.01, 0.02, 0.03))
+    gains = ControlEffectiveness(craft)
+    reach = max(abs(rotor.position[1]) for rotor in craft.rotors)
+    gains._level.thrust = gains.thrust = 1e-6
+    gains._apply()
+    hover_u = GRAVITY / 4e-6
+    assert max(gains.roll) * hover_u == pytest.approx(GRAVITY / 4 * reach / 0.01)
+    assert max(gains.pitch) * hover_u == pytest.approx(GRAVITY / 4 * reach / 0.02)
+    loose = ControlEffectiveness(airframe(4, known=False))
+    loose.thrust = 1e-6
+    loose._apply()
+    assert max(loose.roll) * hover_u == pytest.approx(GRAVITY / (4 * 0.5 * reach))
+
+
+def test_the_level_is_believed_in_the_air_only() -> None:
+    truth = GRAVITY / 4 / 600.0**2
+    rng = np.random.default_rng(2)
+    level = Level(EffectivenessPrior())
+    for _ in range(3000):  # idle on the ground
+        level.feed(0.01, -GRAVITY + rng.normal(0.0, 0.2), 4 * (150.0 + rng.normal(0.0, 2.0)) ** 2, False)
+    assert level.thrust == 0.0
+    for k in range(1500):  # spin-up, then flight that climbs and sinks
+        speed = min(150.0 + 4.5 * k, 600.0 + 30.0 * math.sin(0.02 * k))
+        az = -max(GRAVITY, 4 * truth * speed**2) if k < 100 else -4 * truth * speed**2
+        level.feed(0.01, az + rng.normal(0.0, 0.5), 4 * speed**2, False)
+    assert level.thrust == pytest.approx(truth, rel=0.03)
+
+
+def test_the_word_of_the_autopilot_is_enough() -> None:
+    level = Level(EffectivenessPrior())
+    for _ in range(300):
+        level.feed(0.01, -GRAVITY, 4 * 600.0**2, True)
+    assert level.thrust == pytest.approx(GRAVITY / 4 / 600.0**2, rel=1e-6)
+
+
+def test_noise_learns_offset_and_spread_and_freezes_out_outliers() -> None:
+    rng = np.random.default_rng(1)
+    noise = ResidualNoise(NoiseConfig())
+    for k in range(4000):
+        e = [3.0 + rng.normal(0.0, 2.0), rng.normal(0.0, 8.0), math.nan, 0.5 + rng.normal(0.0, 0.5)]
+        if k % 50 == 0:
+            e[0] = 1e6
+        noise.learn(e, 0.008, 1.0 + 0.008 * k, 1.0)
+    assert noise.offset[0] == pytest.approx(3.0, abs=0.8)
+    assert noise.offset[3] == pytest.approx(0.5, abs=0.2)
+    assert noise.variance[0][1] == pytest.approx(64.0, rel=0.25)
+    assert noise.variance[0][0] < 10.0
+    assert noise.variance[0][2] == 9.0  # never fed
+    assert max(noise.coherence) < 2.0  # white
+
+
+def test_slow_tones_are_called_coherent() -> None:
+    noise = ResidualNoise(NoiseConfig())
+    for k in range(4000):
+        noise.learn([6.0 * math.sin(0.3 * k)] * 4, 0.008, 1.0 + 0.008 * k, 1.0)
+    assert min(noise.coherence) > 2.0
+
+
+def test_an_old_speed_is_never_trusted_more_than_a_young_one() -> None:
+    noise = ResidualNoise(NoiseConfig())
+    for _ in range(3000):
+        noise.learn([0.0, 20.0, 0.0, 1.0], 0.008, 10.0, 1.0)
+        noise.learn_aged(3, [0.0, 0.0, 0.0, 0.0], 0.008, 10.0, 1.0)
+    fresh = noise.variances(0, 0.0, 1.0)
+    for age in (1, 3, 12, 40):
+        assert all(old >= new for old, new in zip(noise.variances(age, 0.008 * age, 1.0), fresh, strict=True))
+    assert noise.variances(0, 0.0, 4.0) == pytest.approx([4.0 * v for v in fresh])
+
+
+@pytest.mark.parametrize("late", [-2, 0, 3])
+def test_a_time_shift_is_found_in_both_directions(late: int) -> None:
+    rng = np.random.default_rng(8)
+    kernel = np.ones(8) / 8.0
+    truth = np.convolve(rng.normal(0.0, 30.0, (3000,)), kernel, "same")
+    other = np.convolve(rng.normal(0.0, 30.0, (3000,)), kernel, "same")
+    shift = TimeShift()
+    for k in range(10, 2990):
+        y = (truth[k - late] + rng.normal(0.0, 2.0), other[k - late] + rng.normal(0.0, 2.0))
+        shift.feed(0.01, (truth[k], other[k]), y)
+        if shift.shift:
+            break
+    assert shift.shift == pytest.approx(0.01 * late, abs=0.004)
+
+
+def test_no_shift_is_seen_where_nothing_moves() -> None:
+    rng = np.random.default_rng(9)
+    shift = TimeShift()
+    for _ in range(4000):
+        shift.feed(0.01, tuple(rng.normal(0.0, 1.0, 2)), tuple(rng.normal(0.0, 5.0, 2)))
+    assert shift.shift == 0.0
+
+
+def test_a_stream_with_late_rotor_speeds_gets_its_shift() -> None:
+    estimator = EffectivenessEstimator(airframe(4))
+    for reading in fly(Scenario(4, duration=12.0, imu_hz=125.0, esc_hz=125.0)):
+        if isinstance(reading, RotorReading):
+            reading = reading._replace(t=reading.t + 0.03)
+        estimator.feed(reading)
+    assert estimator.bank is not None
+    assert estimator.bank.shift.shift == pytest.approx(-0.03, abs=0.008)
+
+
+@pytest.mark.parametrize(
+    ("order", "wrong"), [((0, 1, 2, 3), False), ((1, 0, 2, 3), True), ((3, 2, 1, 0), True)]
+)
+def test_the_geometry_check_sees_a_renumbered_file(order: tuple[int, ...], wrong: bool) -> None:
+    rng = np.random.default_rng(7)
+    craft = airframe(4)
+    truth = ControlEffectiveness(craft)
+    regression = MomentRegression(4)
+    for _ in range(1500):
+        squares = (600.0 + rng.normal(0.0, 30.0, 4)) ** 2
+        roll = float(np.dot(truth.roll, squares)) + rng.normal(0.0, 5.0)
+        pitch = float(np.dot(truth.pitch, squares)) + rng.normal(0.0, 5.0)
+        regression.feed(0.01, squares, roll, pitch)
+    claimed = ControlEffectiveness(replace(craft, rotors=tuple(craft.rotors[i] for i in order)))
+    fits = [fit_axis(regression, 0, claimed.roll, 0.02), fit_axis(regression, 1, claimed.pitch, 0.02)]
+    assert all(fit is not None for fit in fits)
+    assert contradicted([fit for fit in fits if fit is not None], GeometryConfig()) is wrong
