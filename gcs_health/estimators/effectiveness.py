@@ -20,7 +20,8 @@ from gcs_health.estimators.effectiveness_config import EffectivenessConfig
 from gcs_health.estimators.effectiveness_paper import PaperFilter
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.estimators.stopped_motor import StoppedMotor
-from gcs_health.gate import GRAVITY
+from gcs_health.estimators.ticks import FASTEST
+from gcs_health.gate import GRAVITY, Closed
 from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
 
 __all__ = ["EffectivenessConfig", "EffectivenessEstimator"]
@@ -164,23 +165,33 @@ class EffectivenessEstimator:
 
     def _take_speeds(self, reading: RotorReading) -> bool:
         for i, speed in enumerate(reading.speed[: len(self._speeds)]):
-            if speed - speed == 0.0 and reading.t >= self._speed_t[i]:
+            if -FASTEST < speed < FASTEST and reading.t >= self._speed_t[i]:
                 self._speeds[i] = speed
                 self._speed_t[i] = reading.t
         changed = self._core.rotor_speeds(reading)
         hover = self._hover()
         self._watch_flight_end(reading.t, hover)
         if self._failed() is None:
-            stopped = self._stopped_rule.feed(reading.t, self._speeds, hover, self._commands)
+            stopped = self._stopped_rule.feed(
+                reading.t, self._speeds, hover, self._commands, self._would_name(reading.t)
+            )
             if stopped is not None:
                 self._stopped = stopped
                 self._stopped_ratio = self._speeds[stopped] / hover
                 return True
         return changed
 
+    def _would_name(self, t: float) -> bool:
+        """Whether a lost propeller would have been named by now."""
+        if t - self._imu_t > self.config.stale_after:
+            return False
+        if isinstance(self._core, RecommendedBank):
+            return self._core.gate.open and not self._core.contradicted
+        return self._core.armed
+
     def _take_flight(self, reading: FlightReading) -> None:
         if self._armed and reading.armed is False:
-            self._flight_over = True
+            self._end_flight()
         if reading.armed is not None:
             self._armed = reading.armed
         if isinstance(self._core, RecommendedBank):
@@ -194,7 +205,12 @@ class EffectivenessEstimator:
         elif self._still_since != self._still_since:
             self._still_since = t
         elif t - self._still_since > self.config.flight_over_after:
-            self._flight_over = True
+            self._end_flight()
+
+    def _end_flight(self) -> None:
+        self._flight_over = True
+        if isinstance(self._core, RecommendedBank):
+            self._core.gate.close(Closed.ON_GROUND)
 
     def _flies(self) -> bool:
         if isinstance(self._core, RecommendedBank):

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators import kalman
+from gcs_health.estimators.ticks import FASTEST, plausible
 from gcs_health.samples import ImuReading, RotorReading
 
 
@@ -140,9 +141,8 @@ class PaperFilter:
     def imu(self, reading: ImuReading) -> bool:
         """Take one message; return whether the failed rotor changed."""
         changed = self._run() if self._waiting is not None else False
-        t, ax, ay, az, p, q, r = reading
-        total = ax + ay + az + p + q + r
-        if total - total == 0.0 and t > self._last_t:
+        t = reading.t
+        if t > self._last_t and plausible(reading):
             self._waiting = reading
             if min(self._stamps) >= t:
                 changed = self._run() or changed
@@ -154,7 +154,7 @@ class PaperFilter:
         if self._waiting is not None and reading.t > self._waiting.t:
             changed = self._run()
         for i, speed in enumerate(reading.speed[: self.rotors]):
-            if speed - speed == 0.0:
+            if -FASTEST < speed < FASTEST:
                 self._speeds[i] = speed
                 self._stamps[i] = reading.t
         if self._waiting is not None and min(self._stamps) >= self._waiting.t:

@@ -17,6 +17,7 @@ class StoppedConfig:
     """Thresholds of the rule."""
 
     stopped: float = 0.25  # of hover speed
+    standing: float = 0.05  # of hover speed, where a loss elsewhere could idle this one unnamed
     others: float = 0.6  # of hover speed, mean of the others
     hold: float = 0.05  # s
     flying: float = 0.5  # s that the others must have flown before
@@ -33,13 +34,18 @@ class StoppedMotor:
         self._low_since = [math.nan] * rotors
         self._flying_since = math.nan
 
-    def feed(self, t: float, speeds: list[float], hover: float, commands: list[float]) -> int | None:
+    def feed(
+        self, t: float, speeds: list[float], hover: float, commands: list[float], judged: bool = True
+    ) -> int | None:
         """Take the latest speeds [rad/s], NaN = never reported; return a rotor that has stopped.
 
-        `hover` [rad/s] may be infinite = not known. `commands` [-] are NaN where not known.
+        `hover` [rad/s] may be infinite = not known. `commands` [-] are NaN where not known. `judged` =
+        a lost propeller would have been named by now; if not, or if a rotor is silent, only standing
+        still counts, since the controller idles the rotor opposite to a lost one.
         """
         c = self.config
-        slow, total, count = self._sort(t, speeds, c.stopped * hover)
+        certain = judged and not any([speed != speed for speed in speeds])
+        slow, total, count = self._sort(t, speeds, (c.stopped if certain else c.standing) * hover)
         if count < 3:
             return None
         if len(slow) == 1:

@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 from gcs_health.samples import ImuReading, RotorReading
 
+MOST = 1e4  # m/s², rad/s: beyond any airframe; larger values are damage
+FASTEST = 1e5  # rad/s, likewise
+
 
 class Tick(NamedTuple):
     """The mean of one block of IMU messages; `t` is the mean of their times [s]."""
@@ -43,6 +46,19 @@ class UsualStep:
             self.value = min(self.value, sorted(recent)[1])  # the very first step may have been a gap
 
 
+def plausible(reading: ImuReading) -> bool:
+    """Whether every value is a number and a flying thing could have made it: no NaN, nothing absurd."""
+    _, ax, ay, az, p, q, r = reading
+    return (
+        -MOST < ax < MOST
+        and -MOST < ay < MOST
+        and -MOST < az < MOST
+        and -MOST < p < MOST
+        and -MOST < q < MOST
+        and -MOST < r < MOST
+    )
+
+
 class ImuBlocks:
     """Averages a fast IMU to blocks of about `length` s; passes one slower than that on unchanged.
 
@@ -61,8 +77,7 @@ class ImuBlocks:
     def feed(self, reading: ImuReading) -> Tick | None:
         """Take one message; return the block that it completes, if any."""
         t, ax, ay, az, p, q, r = reading
-        total = ax + ay + az + p + q + r
-        if not (total - total == 0.0 and t > self.last_t):
+        if not (t > self.last_t and plausible(reading)):
             self.dropped += 1
             return None
         done = None
@@ -130,7 +145,7 @@ class RotorTrack:
             self.late += 1
             return False
         for times, speeds, speed in zip(self.times, self.speeds, reading.speed, strict=False):
-            if speed - speed != 0.0:
+            if not -FASTEST < speed < FASTEST:
                 continue
             if times and t <= times[-1]:
                 self.late += 1
