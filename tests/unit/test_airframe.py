@@ -140,7 +140,9 @@ def test_the_tables_agree_with_the_published_ones() -> None:
             assert rotor.position[:2] == (motor["x"], motor["y"])
 
 
-@pytest.mark.parametrize(("count", "kind", "rotors"), [(0, 2, 4), (4, 2, 4), (0, 13, 6), (8, None, 8), (0, 14, 8)])
+@pytest.mark.parametrize(
+    ("count", "kind", "rotors"), [(0, 2, 4), (4, 2, 4), (0, 13, 6), (8, None, 8), (0, 14, 8)]
+)
 def test_a_guess_says_that_it_is_one(count: int, kind: int | None, rotors: int) -> None:
     airframe = assume_airframe(count, kind)
     assert airframe is not None
@@ -156,7 +158,9 @@ def test_nothing_to_guess_from_is_no_airframe() -> None:
 
 
 def test_a_seat_in_the_middle_has_a_name() -> None:
-    rotors = tuple(Rotor(k + 1, k, p, 0) for k, p in enumerate([(1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-1.0, 1.0, 0.0)]))
+    rotors = tuple(
+        Rotor(k + 1, k, p, 0) for k, p in enumerate([(1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-1.0, 1.0, 0.0)])
+    )
     airframe = Airframe("odd", rotors, AirframeSource.FILE)
     assert [airframe.seat(k) for k in range(3)] == [
         "front, spin unknown",

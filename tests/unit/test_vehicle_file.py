@@ -16,7 +16,10 @@ def rotor(motor: int, x: float, y: float, spin: str = "cw", more: str = "") -> s
 
 
 QUAD = (
-    rotor(2, -1, -1, "ccw") + rotor(1, 1, 1, "ccw", "esc = 5\nradius = 0.1") + rotor(3, 1, -1) + rotor(4, -1, 1)
+    rotor(2, -1, -1, "ccw")
+    + rotor(1, 1, 1, "ccw", "esc = 5\nradius = 0.1")
+    + rotor(3, 1, -1)
+    + rotor(4, -1, 1)
 )
 
 
