@@ -61,6 +61,7 @@ class RecommendedBank:
         self._speeds: list[float] = []  # at the last tick that is final
         self._pending: list[Step] = []  # ticks beyond the last rotor speeds
         self._held_speeds: list[list[float]] = []  # at each of them
+        self._held_pass = (-math.inf, -1)  # last tick that passed on held speeds, and its rotor
         self._in_bank = 0  # pending ticks that the bank has seen
         self._newest_learned = -math.inf
         self._motion = [0.0] * 5  # a_x, a_y, p, q, r, low-passed
@@ -204,7 +205,7 @@ class RecommendedBank:
         noise = self.noise
         variances = noise.variances(0, 0.0, step.inflation)
         self.bank.add_final(contribution(left, noise.offset, variances), -left.e[3])
-        fell = self._judge(step.tick.t)
+        fell = self._judge(step.tick.t, True)
         self._final_row = self._row
         if self.failed is None:
             fell = self._learn(step, left, variances) or fell
@@ -226,7 +227,7 @@ class RecommendedBank:
             self._add_provisional(*self._held(waited))
         self._add_provisional(left, variances)
         self._in_bank = position + 1
-        return self._judge(step.tick.t)
+        return self._judge(step.tick.t, False)
 
     def _held(self, position: int) -> tuple[Residual, list[float]]:
         """Return residual and variances of a pending tick with the last rotor speeds held."""
@@ -239,7 +240,7 @@ class RecommendedBank:
     def _add_provisional(self, left: Residual, variances: list[float]) -> None:
         self.bank.add_provisional(contribution(left, self.noise.offset, variances), -left.e[3])
 
-    def _judge(self, t: float) -> bool:
+    def _judge(self, t: float, final: bool) -> bool:
         """Judge the bank as it stands; return whether a verdict fell."""
         if self.failed is not None:
             return False
@@ -252,6 +253,10 @@ class RecommendedBank:
         rotor, row = self._row
         if verdict.passes and self.gate.verdicts and not self.contradicted:
             row = row + 1 if verdict.rotor == rotor else 1
+            if final and self._held_pass == (t, verdict.rotor):
+                row += 1  # passed on held speeds, and again now that they are known
+            if not final:
+                self._held_pass = (t, verdict.rotor)
         else:
             row = 0
         self._row = (verdict.rotor, row)

@@ -143,4 +143,4 @@ def _plain(value: object) -> object:
         return {key: _plain(item) for key, item in value.items()}
     if type(value) is tuple or type(value) is list:
         return [_plain(item) for item in value]
-    return float(value) if isinstance(value, float) else value  # numpy's float is a float, not `float`
+    return _plain(float(value)) if isinstance(value, float) else value  # numpy's float has another type
