@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.effectiveness import EffectivenessConfig
+from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, default_dialect
-from gcs_health.mavlink.frames import FrameBatch, FrameDecoder
+from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey

@@ -10,7 +10,7 @@ from gcs_health.airframe import Airframe
 from gcs_health.needs import Need
 
 if TYPE_CHECKING:
-    from gcs_health.mavlink.frames import FrameBatch
+    from gcs_health.mavlink.batch import FrameBatch
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,25 +4,23 @@ The decoder walks from frame to frame trusting lengths, keeps what checks up to 
 its way again behind it. What is dropped is counted by reason. Memory is bounded by the caller's block:
 the only thing carried over is the unfinished record.
 
-Three ways with one result, chosen by what measures fastest (benchmarks/decode.py): a datagram of whole
-good frames is read in one loop; a large piece of a .tlog by columns (`blocks`); all else record by
-record (`framing`).
+Three ways with one result, chosen by what measures fastest (benchmarks/decode.py): a stream of good
+frames is read in one loop; a large piece of a .tlog by columns (`blocks`); all else record by record
+(`framing`).
 """
 
 import struct
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
 
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
 
+from gcs_health.mavlink.batch import FEW, Frame, FrameBatch
 from gcs_health.mavlink.blocks import LEAST_BYTES, Records, find, rows
 from gcs_health.mavlink.dialect import Dialect
 from gcs_health.mavlink.framing import (
     MAGIC_V2,
-    SIGNED,
     STAMP_LENGTH,
     Fault,
     Integers,
@@ -31,143 +29,14 @@ from gcs_health.mavlink.framing import (
     frame_end,
     good_record,
     hunt,
-    message_ids,
     sequence_faults,
     walk,
 )
 from gcs_health.mavlink.signing import Signatures
 
 RUN = 32  # frames walked before they are checked
-FEW = 100  # frames below which plain Python beats numpy's fixed costs
 _HEADER_V2 = struct.Struct("<BBBBBBBHB").unpack_from  # magic len incompat compat seq sys comp id(2+1)
 _new = tuple.__new__
-
-
-class Frame(NamedTuple):
-    """One checked frame. `payload` is as sent: v2 senders cut trailing zero bytes."""
-
-    receive_us: int
-    system: int
-    component: int
-    message: int
-    sequence: int
-    payload: bytes
-
-
-class FrameBatch:
-    """Frames in stream order, as places in `data`; iterable.
-
-    Attributes
-    ----------
-    data : the bytes.
-    starts : (n,) where each frame's magic byte stands.
-    stamps : (n,) UNIX µs of each frame.
-    listed : the frames one by one, where that has been done; `frames` does it.
-    """
-
-    __slots__ = ("_columns", "data", "listed", "stamps", "starts")
-
-    def __init__(
-        self,
-        data: bytes,
-        starts: list[int] | Integers,
-        stamps: list[int] | Integers,
-        listed: list[Frame] | None = None,
-    ) -> None:
-        self.data = data
-        self.starts = starts
-        self.stamps = stamps
-        self.listed = listed
-        self._columns: FrameColumns | None = None
-
-    def __len__(self) -> int:
-        return len(self.starts)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return iter(self.frames)
-
-    @property
-    def few(self) -> bool:
-        """Whether frame by frame is the faster way to read it."""
-        return len(self.starts) < FEW
-
-    @property
-    def frames(self) -> list[Frame]:
-        """The frames one by one."""
-        if self.listed is None:
-            self.listed = self._list()
-        return self.listed
-
-    def _list(self) -> list[Frame]:
-        data, out = self.data, []
-        for start, stamp in self._places():
-            length = data[start + 1]
-            if data[start] == MAGIC_V2:
-                message = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
-                payload = data[start + 10 : start + 10 + length]
-                head = (stamp, data[start + 5], data[start + 6], message, data[start + 4])
-            else:
-                payload = data[start + 6 : start + 6 + length]
-                head = (stamp, data[start + 3], data[start + 4], data[start + 5], data[start + 2])
-            out.append(Frame(*head, payload))
-        return out
-
-    def raw(self) -> Iterator[tuple[int, bytes]]:
-        """Yield (stamp, frame as sent), for a recorder."""
-        for start, stamp in self._places():
-            yield stamp, self.data[start : frame_end(self.data, start)]
-
-    @property
-    def columns(self) -> "FrameColumns":
-        """The headers as arrays, for many frames at once."""
-        if self._columns is None:
-            self._columns = self._gather()
-        return self._columns
-
-    def _gather(self) -> "FrameColumns":
-        raw = np.frombuffer(self.data, np.uint8)
-        first = np.asarray(self.starts, dtype=np.int64)
-        v2 = raw[first] == MAGIC_V2
-        head = first + np.where(v2, 2, 0)
-        return FrameColumns(
-            receive_us=np.asarray(self.stamps, dtype=np.int64),
-            system=raw[head + 3],
-            component=raw[head + 4],
-            message=message_ids(raw, first, v2),
-            sequence=raw[head + 2],
-            payload=first + np.where(v2, 10, 6),
-            length=raw[first + 1].astype(np.int64),
-            signed=v2 & (raw[first + 2] & SIGNED > 0),
-        )
-
-    def signed(self) -> list[int]:
-        """Return which frames, by number, carry a signature."""
-        if not self.few:
-            return np.flatnonzero(self.columns.signed).tolist()
-        data = self.data
-        return [k for k, s in enumerate(self.starts) if data[s] == MAGIC_V2 and data[s + 2] & SIGNED]
-
-    def choose(self, numbers: list[int]) -> "FrameBatch":
-        """Return the batch of these frames only."""
-        places = list(self._places())
-        starts, stamps = [places[k][0] for k in numbers], [places[k][1] for k in numbers]
-        return FrameBatch(self.data, starts, stamps)
-
-    def _places(self) -> Iterator[tuple[int, int]]:
-        return zip(_listed(self.starts), _listed(self.stamps), strict=True)
-
-
-class FrameColumns(NamedTuple):
-    """Headers of n frames; `payload` is where each payload begins in the data, `length` its length."""
-
-    receive_us: Integers
-    system: np.ndarray[Any, np.dtype[np.uint8]]
-    component: np.ndarray[Any, np.dtype[np.uint8]]
-    message: Integers
-    sequence: np.ndarray[Any, np.dtype[np.uint8]]
-    payload: Integers
-    length: Integers
-    signed: np.ndarray[Any, np.dtype[np.bool_]]
 
 
 @dataclass
@@ -219,11 +88,13 @@ class FrameDecoder:
     def feed(self, data: bytes, receive_us: int = 0) -> FrameBatch:
         """Take bytes; return the frames they complete. `receive_us` [UNIX µs] stamps those of a stream."""
         self.counters.bytes += len(data)
-        if not (self._stamped or self._rest or self._hunting) and len(data) < LEAST_BYTES:
-            batch = self._datagram(data, receive_us)
+        if self._rest:
+            data = self._rest + data
+        if not (self._stamped or self._hunting):
+            batch = self._stream(data, receive_us)
             if batch is not None:
                 return batch
-        return self._decode(self._rest + data if self._rest else data, receive_us, final=False)
+        return self._decode(data, receive_us, final=False)
 
     def finish(self) -> FrameBatch:
         """End of input: nothing more will complete the rest."""
@@ -234,19 +105,26 @@ class FrameDecoder:
             self._rest = b""
         return batch
 
-    def _datagram(self, data: bytes, receive_us: int) -> FrameBatch | None:
-        """Read whole, good, unsigned, known v2 frames on end; None, and nothing done, for anything else."""
+    def _stream(self, data: bytes, receive_us: int) -> FrameBatch | None:
+        """Read good, unsigned, known v2 frames on end, the last perhaps unfinished.
+
+        None, and nothing done, for anything else: that is `_decode`'s.
+        """
         at, end = 0, len(data)
         frames: list[Frame] = []
         starts: list[int] = []
         extra_byte = self._extra_byte
         while at < end:
             if end - at < 12:
-                return None
+                if data[at] != MAGIC_V2:
+                    return None
+                break
             magic, length, incompat, _, sequence, system, component, low, high = _HEADER_V2(data, at)
-            crc_at = at + 10 + length
-            if magic != MAGIC_V2 or incompat or crc_at + 2 > end:
+            if magic != MAGIC_V2 or incompat:
                 return None
+            crc_at = at + 10 + length
+            if crc_at + 2 > end:
+                break
             message = low | high << 16
             extra = extra_byte.get(message)
             if extra is None or (
@@ -258,6 +136,7 @@ class FrameDecoder:
             )
             starts.append(at)
             at = crc_at + 2
+        self._rest = data[at:]
         count = len(frames)
         counters, last = self.counters, self._sequence
         counters.frames += count
@@ -412,7 +291,3 @@ class FrameDecoder:
             self.counters.repeated[sender] += 1
         elif 0 < missing < 0x80:  # as in sequence_faults: a small step back is a late frame
             self.counters.lost[sender] += missing
-
-
-def _listed(values: list[int] | Integers) -> list[int]:
-    return values if isinstance(values, list) else values.tolist()

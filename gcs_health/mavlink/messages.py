@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gcs_health.mavlink.batch import FrameBatch, FrameColumns
 from gcs_health.mavlink.blocks import rows
 from gcs_health.mavlink.dialect import Dialect, Message
-from gcs_health.mavlink.frames import FrameBatch, FrameColumns
 from gcs_health.mavlink.framing import Integers
 from gcs_health.mavlink.message_table import OTHERS, TABLE, Row
 from gcs_health.mavlink.rules import Columns, Integer, Names, Text, compiled
@@ -51,13 +51,10 @@ class MessageDecoder:
     def samples(self, batch: FrameBatch) -> list[Sample]:
         """Return the samples of a batch in its order; frames that no sample is made of are left out."""
         readers = self._readers
-        frames = batch.listed
-        if frames is None and batch.few:
-            frames = batch.frames
-        if frames is not None:
+        if batch.few:
             return [
                 reader.one(receive_us, system, component, payload)
-                for receive_us, system, component, message, _, payload in frames
+                for receive_us, system, component, message, _, payload in batch.frames
                 if (reader := readers.get(message)) is not None
             ]
         columns = batch.columns
