@@ -26,6 +26,7 @@ class GeometryConfig:
     least_time: float = 0.4  # s of data before any verdict
     strong_time: float = 2.0  # s of data before flight alone contradicts a geometry
     strong_f: float = 20.0
+    strong_samples: float = 80.0
     strong_share: float = 0.3  # R² of the free fit
     strong_cos: float = 0.25
     strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
@@ -42,6 +43,7 @@ class AxisFit:
     assumed: float
     cos: float
     f: float
+    samples: float  # independent ones
 
 
 def fit_axis(regression: MomentRegression, row: int, gains: list[float], block: float) -> AxisFit | None:
@@ -74,6 +76,7 @@ def fit_axis(regression: MomentRegression, row: int, gains: list[float], block: 
         assumed=along * along / spread / total,
         cos=float(g @ h) / size,
         f=free / (1.0 - free) * (samples - n) / n,
+        samples=samples,
     )
 
 
@@ -81,6 +84,7 @@ def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:
     """Whether flight alone shows the geometry to be wrong on any axis."""
     return any(
         fit.f > config.strong_f
+        and fit.samples > config.strong_samples
         and fit.free > config.strong_share
         and fit.cos < config.strong_cos
         and fit.assumed < config.strong_part * fit.free

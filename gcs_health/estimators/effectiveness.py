@@ -17,10 +17,10 @@ from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
 from gcs_health.estimators.effectiveness_config import EffectivenessConfig
+from gcs_health.estimators.effectiveness_inputs import Inputs
 from gcs_health.estimators.effectiveness_paper import PaperFilter
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.estimators.stopped_motor import StoppedMotor
-from gcs_health.estimators.ticks import FASTEST
 from gcs_health.gate import GRAVITY, Closed
 from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
 
@@ -76,12 +76,10 @@ class EffectivenessEstimator:
         self._stopped_rule = StoppedMotor(n, self.config.stopped)
         self._stopped: int | None = None
         self._stopped_ratio = NAN
-        self._commands = [NAN] * n
-        self._speeds = [NAN] * n
-        self._speed_t = [-math.inf] * n
+        self._inputs = Inputs(n, self.config.stale_after)
+        self._speeds = self._inputs.speeds
         self._t = -math.inf
         self._first_t = math.inf
-        self._imu_t = -math.inf
         self._late_row = 0
         self._armed: bool | None = None
         self._still_since = NAN
@@ -114,21 +112,19 @@ class EffectivenessEstimator:
         """Hand a reading to its part; return whether a decision changed."""
         kind = type(reading)
         if kind is ImuReading:
-            self._imu_t = reading.t
+            self._inputs.imu_t = reading.t
             return self._core.imu(reading)  # type: ignore[arg-type]
         if kind is RotorReading:
             return self._take_speeds(reading)  # type: ignore[arg-type]
         if isinstance(reading, CommandReading):
-            for i, command in enumerate(reading.command[: len(self._commands)]):
-                if command == command:
-                    self._commands[i] = command
+            self._inputs.take_commands(reading)
         elif isinstance(reading, FlightReading):
             self._take_flight(reading)
         return False
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
-        common = self._missing_inputs(t)
+        common = self._inputs.missing(t)
         failed = self._failed()
         if isinstance(self._core, PaperFilter):
             return [self._paper_estimate(self._core, t, i, common) for i in range(len(self._speeds))]
@@ -139,7 +135,7 @@ class EffectivenessEstimator:
             if failed is not None:
                 out.append(self._after_failure(self._core, t, i, failed))
             else:
-                reasons = self._rotor_reasons(i, common)
+                reasons = self._inputs.reasons(i, common)
                 out.append(self._healthy(self._core, t, i, reasons, probabilities[i], information[i]))
         return out
 
@@ -164,16 +160,13 @@ class EffectivenessEstimator:
         return True
 
     def _take_speeds(self, reading: RotorReading) -> bool:
-        for i, speed in enumerate(reading.speed[: len(self._speeds)]):
-            if -FASTEST < speed < FASTEST and reading.t >= self._speed_t[i]:
-                self._speeds[i] = speed
-                self._speed_t[i] = reading.t
+        self._inputs.take_speeds(reading)
         changed = self._core.rotor_speeds(reading)
         hover = self._hover()
         self._watch_flight_end(reading.t, hover)
         if self._failed() is None:
             stopped = self._stopped_rule.feed(
-                reading.t, self._speeds, hover, self._commands, self._would_name(reading.t)
+                reading.t, self._speeds, hover, self._inputs.commands, self._would_name(reading.t)
             )
             if stopped is not None:
                 self._stopped = stopped
@@ -183,7 +176,7 @@ class EffectivenessEstimator:
 
     def _would_name(self, t: float) -> bool:
         """Whether a lost propeller would have been named by now."""
-        if t - self._imu_t > self.config.stale_after:
+        if t - self._inputs.imu_t > self.config.stale_after:
             return False
         if isinstance(self._core, RecommendedBank):
             return self._core.gate.open and not self._core.contradicted
@@ -236,29 +229,6 @@ class EffectivenessEstimator:
 
     def _contradicted(self) -> bool:
         return isinstance(self._core, RecommendedBank) and self._core.contradicted
-
-    def _missing_inputs(self, t: float) -> list[Reason]:
-        """Return what keeps every rotor from being judged, first what is missing altogether."""
-        reasons = []
-        if self._imu_t == -math.inf:
-            reasons.append(Reason.NO_IMU)
-        elif t - self._imu_t > self.config.stale_after:
-            reasons.append(Reason.IMU_STALE)
-        newest = max(self._speed_t)
-        if newest == -math.inf:
-            reasons.append(Reason.NO_ROTOR_SPEEDS)
-        elif t - newest > self.config.stale_after:
-            reasons.append(Reason.ROTOR_SPEED_STALE)
-        return reasons
-
-    def _rotor_reasons(self, rotor: int, common: list[Reason]) -> list[Reason]:
-        reasons = list(common)
-        if Reason.NO_ROTOR_SPEEDS not in reasons:
-            if self._speed_t[rotor] == -math.inf:
-                reasons.append(Reason.ROTOR_NOT_REPORTED)
-            elif min(self._speed_t) == -math.inf:
-                reasons.append(Reason.ROTOR_SPEEDS_INCOMPLETE)
-        return reasons
 
     def _probabilities(self, core: RecommendedBank) -> list[float]:
         """Posterior of each single fault: the threshold LLR alone gives .9, less never more than .89."""
@@ -380,7 +350,7 @@ class EffectivenessEstimator:
                 NAN,
                 (("rule", "motor_stopped"), ("speed_over_hover", self._stopped_ratio)),
             )
-        reasons = self._rotor_reasons(rotor, common)
+        reasons = self._inputs.reasons(rotor, common)
         if reasons:
             warming = t - self._first_t < self.config.absent_after
             status = Status.CONVERGING if warming else Status.UNOBSERVABLE

@@ -251,16 +251,16 @@ class RecommendedBank:
         elif t > self._frozen_until:
             self._frozen_since = math.nan
         rotor, row = self._row
+        slow = self.track.interval > c.slow_rotor_speeds
         if verdict.passes and self.gate.verdicts and not self.contradicted:
             row = row + 1 if verdict.rotor == rotor else 1
-            if final and self._held_pass == (t, verdict.rotor):
+            if final and not slow and self._held_pass == (t, verdict.rotor):
                 row += 1  # passed on held speeds, and again now that they are known
             if not final:
                 self._held_pass = (t, verdict.rotor)
         else:
             row = 0
         self._row = (verdict.rotor, row)
-        slow = self.track.interval > c.slow_rotor_speeds
         if row < (c.ticks_slow if slow else c.ticks):
             return False
         g = c.geometry
