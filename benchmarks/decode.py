@@ -9,6 +9,7 @@ only the ratios mean anything. `benchmarks/decode.md` is this command's output.
 """
 
 import argparse
+import gc
 import io
 import os
 import random
@@ -256,6 +257,7 @@ def main() -> None:
     parser.add_argument("--big", type=int, metavar="MB", help="measure memory over a log of so many MB")
     parser.add_argument("--memory-of", help=argparse.SUPPRESS)
     args = parser.parse_args()
+    gc.set_threshold(100_000, 20, 20)  # as the command line does; it holds for all contestants
     if args.memory_of:
         memory_of(args.memory_of)
         return

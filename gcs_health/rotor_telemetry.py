@@ -15,6 +15,7 @@ import math
 from enum import StrEnum
 
 from gcs_health.airframe import Airframe
+from gcs_health.esc_batches import BatchJoin, Known
 from gcs_health.samples import (
     CommandReading,
     EscInfo,
@@ -168,6 +169,7 @@ class RotorTelemetry:
         self._count = 0  # ESC_INFO.count
         self._online_high = self._info_high = False
         self._px4 = self._ardupilot = self._rpm_only = False
+        self._join = BatchJoin()
 
     def set_airframe(self, airframe: Airframe) -> None:
         """Take the order of rotors and which ESC is whose."""
@@ -283,7 +285,7 @@ class RotorTelemetry:
         self._px4 = True
         if first >= 4 and self._is_copy(sample):
             return None
-        known: list[tuple[int, float, float, float]] = []
+        known: Known = []
         for index, speed, voltage, current in zip(
             range(first, first + 4), speed4, voltage4, current4, strict=True
         ):
@@ -303,11 +305,12 @@ class RotorTelemetry:
                 continue
             esc.note(t, speed)
             known.append((index, speed, current, voltage))
-        return self._reading(t, known)
+        joined = self._join.feed(t, first, known)
+        return self._reading(*joined) if joined is not None else None
 
     def _esc_telemetry(self, t: float, sample: EscTelemetry) -> RotorReading | None:
         self._ardupilot = True
-        known: list[tuple[int, float, float, float]] = []
+        known: Known = []
         for j in range(4):
             index = sample.index + j
             esc = self.escs.get(index)
@@ -328,7 +331,7 @@ class RotorTelemetry:
             known.append((index, speed, current, voltage))
         return self._reading(t, known)
 
-    def _reading(self, t: float, known: list[tuple[int, float, float, float]]) -> RotorReading | None:
+    def _reading(self, t: float, known: Known) -> RotorReading | None:
         """Put what is known of ESCs in rotor order."""
         n = len(self._motors)
         speeds, currents, volts, any_known = [NAN] * n, [NAN] * n, [NAN] * n, False

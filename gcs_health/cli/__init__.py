@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 our bug, 2 bad usage or unreadable input, 3 alert raised w
 """
 
 import argparse
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -28,6 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code. The only catcher of `GcsHealthError`."""
     arguments = _parser().parse_args(argv)
     command = import_module(f"gcs_health.cli.{arguments.command}")
+    # samples come by the hundred thousand and never form cycles: looking for some among them at every
+    # 700th costs a fifth of decoding (benchmarks/decode.py)
+    gc.set_threshold(100_000, 20, 20)
     try:
         code: int = command.run(arguments)
         sys.stdout.flush()
