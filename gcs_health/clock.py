@@ -107,6 +107,7 @@ class VehicleClock:
     late : samples older than the one before of their stream.
     astray : stamps that could not be; their samples got estimated times.
     reboots, gaps, steps : starts of the autopilot, silences over 1 s, steps of the ground's clock.
+    news : what happened since `notices` was last called.
     """
 
     def __init__(self) -> None:
@@ -120,7 +121,7 @@ class VehicleClock:
         self._estimated: int | None = None  # newest time given to what has no stamp
         self._streams: dict[int, int] = {}
         self._excess = [0] * 160  # histogram of delay over the least, four bins an octave of µs
-        self._notices: list[ClockNotice] = []
+        self.news: list[ClockNotice] = []
         self.late = self.astray = self.reboots = self.gaps = self.steps = 0
 
     @property
@@ -150,7 +151,7 @@ class VehicleClock:
 
     def notices(self) -> list[ClockNotice]:
         """Return what happened since the last call."""
-        said, self._notices = self._notices, []
+        said, self.news = self.news, []
         return said
 
     def quality(self) -> tuple[str, ...]:
@@ -176,7 +177,7 @@ class VehicleClock:
         return tuple(said)
 
     def _say(self, axis: int, kind: Kind, size: int) -> None:
-        self._notices.append(ClockNotice(axis * 1e-6, kind, size * 1e-6))
+        self.news.append(ClockNotice(axis * 1e-6, kind, size * 1e-6))
 
     def _jitter_ms(self) -> float:
         """Half the distance between the 16 % and 84 % quantiles of the delay [ms]: σ if it were normal."""

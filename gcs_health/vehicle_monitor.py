@@ -78,7 +78,7 @@ class VehicleMonitor:
         self.rotors = RotorTelemetry()
         self._config = config
         self._rate = estimate_rate
-        self._slot = -math.inf
+        self._due = -math.inf
         self._parameters = AirframeParameters()
         self._estimator: EffectivenessEstimator | None = None
         self._desk: AlertDesk | None = None
@@ -88,7 +88,7 @@ class VehicleMonitor:
         self._needs_said = False
         self._unusable = ""
         self._pending: list[Event] = []
-        self._timed = self._axis = False
+        self._timed = False
         self._first_us: int | None = None
         self._handlers: dict[type, Callable[[float, Any], None]] = {
             Heartbeat: self._on_heartbeat,
@@ -107,7 +107,8 @@ class VehicleMonitor:
         """Take one sample; return what it causes."""
         t = self.clock.time_of(sample)
         self.last_us = sample.receive_us
-        self._note_time(t)
+        if self.clock.news:
+            self._note_time(t)
         if not t <= self.last_t:
             if self.last_t != self.last_t:
                 self.first_t = t
@@ -115,7 +116,7 @@ class VehicleMonitor:
         handler = self._handlers.get(type(sample))
         if handler is not None:
             handler(t, sample)
-        if self.is_vehicle:
+        if t >= self._due and self.is_vehicle:
             self._routine(t)
         return self._release(sample) if self._pending else []
 
@@ -198,8 +199,7 @@ class VehicleMonitor:
         for notice in self.clock.notices():
             if notice.kind is Kind.AXIS:  # all before was receive time: another origin
                 self.first_t = self.last_t = t
-                self._slot = -math.inf
-                self._axis = True
+                self._due = -math.inf
                 if self._estimator is not None:
                     self._estimator.reset()
                     self._tell_flight(t)
@@ -214,9 +214,7 @@ class VehicleMonitor:
         if not self._timed:
             if self._first_us is None:
                 self._first_us = sample.receive_us
-            stamp = sample.time_us
-            on_axis = self._axis or (stamp is not None and abs(stamp * 1e-6 - self.last_t) < 1e-3)
-            self._timed = on_axis or sample.receive_us - self._first_us > CLOCK_WAIT_US
+            self._timed = self.clock.settled or sample.receive_us - self._first_us > CLOCK_WAIT_US
             if not self._timed:
                 return []
             self._pending = [replace(event, t=self.last_t) for event in self._pending]
@@ -240,12 +238,11 @@ class VehicleMonitor:
             if assumed is not None:
                 self._adopt(assumed)
         self._tell_needs(t)
-        slot = math.floor(t * self._rate)
-        if slot > self._slot and self._estimator is not None:
-            self._slot = slot
+        if self._estimator is not None:
             estimates = self._estimator.estimates(t)
             self._pending += [self._estimate_event(estimate) for estimate in estimates]
             self._judge(estimates)
+        self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:
