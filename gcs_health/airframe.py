@@ -71,14 +71,21 @@ class Airframe:
 
     def seat(self, rotor: int) -> str:
         """Say in words where rotor `rotor` sits and how it spins: "front right, CCW"."""
+        place = self._place(rotor)
+        if sum(self._place(other) == place for other in range(len(self.rotors))) > 1:
+            x, y, _ = self.rotors[rotor].position
+            place += f" at {math.degrees(math.atan2(y, x)):.0f}°"  # clockwise from the nose
+        spin = {1: "CCW", -1: "CW", 0: "spin unknown"}[self.rotors[rotor].spin]
+        return f"{place}, {spin}"
+
+    def _place(self, rotor: int) -> str:
         x, y, z = self.rotors[rotor].position
         reach = max(math.hypot(r.position[0], r.position[1]) for r in self.rotors)
         # a third of the reach: a hexacopter's rotor at 90° is "right", one at 30° is "front right"
         along = "front" if x > reach / 3 else "rear" if x < -reach / 3 else ""
         across = "right" if y > reach / 3 else "left" if y < -reach / 3 else ""
         place = f"{along} {across}".strip() or "middle"
-        pair = [r for r in self.rotors if math.dist(r.position[:2], (x, y)) < 0.1 * reach]
-        if len(pair) > 1:
-            place += " top" if z < max(r.position[2] for r in pair) else " bottom"
-        spin = {1: "CCW", -1: "CW", 0: "spin unknown"}[self.rotors[rotor].spin]
-        return f"{place}, {spin}"
+        heights = [r.position[2] for r in self.rotors if math.dist(r.position[:2], (x, y)) < 0.1 * reach]
+        if max(heights) > min(heights):  # a V-tail's patterns share a place, with no height to tell
+            place += " bottom" if z == max(heights) else " top"
+        return place

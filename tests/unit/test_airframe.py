@@ -1,5 +1,6 @@
 """Airframes from tables, parameters and guesses."""
 
+import math
 import struct
 from pathlib import Path
 
@@ -86,6 +87,126 @@ def test_ardupilot_frame_with_outputs_moved() -> None:
     assert airframe.seat(0) == "front right, CCW"
 
 
+def ardupilot_quad(*functions: tuple[int, int], offset: int = 0) -> AirframeParameters:
+    parameters = AirframeParameters()
+    frame = [parameter("FRAME_CLASS", 1, INT8), parameter("FRAME_TYPE", 1, INT8)]
+    outputs = [parameter(f"SERVO{channel}_FUNCTION", function) for channel, function in functions]
+    for sample in [*frame, *outputs, parameter("ESC_TLM_MAV_OFS", offset)]:
+        parameters.feed(sample)
+    return parameters
+
+
+def escs(airframe: Airframe | None) -> list[int]:
+    assert airframe is not None
+    return [rotor.esc for rotor in airframe.rotors]
+
+
+def test_ardupilot_offset_shows_high_outputs_as_low_escs() -> None:
+    """AP_ESC_Telem.cpp: "A value of 4 would send ESC on output 5 as ESC number 1"."""
+    parameters = ardupilot_quad((9, 33), (10, 34), (11, 35), (12, 36), offset=8)
+    assert escs(parameters.airframe()) == [0, 1, 2, 3]
+    assert parameters.output_channels() == {1: 8, 2: 9, 3: 10, 4: 11}
+
+
+def test_ardupilot_offset_that_hides_an_esc_is_said() -> None:
+    airframe = ardupilot_quad((1, 33), (2, 34), (3, 35), (4, 36), offset=2).airframe()
+    assert escs(airframe) == [-2, -1, 0, 1]
+    assert airframe is not None
+    assert "hides" in airframe.warnings[0]
+
+
+def test_ardupilot_outputs_count_once_every_motor_has_one() -> None:
+    partly = ardupilot_quad((1, 36), (2, 35), (3, 34))
+    airframe = partly.airframe()
+    assert escs(airframe) == [0, 1, 2, 3]
+    assert airframe is not None
+    assert "not heard" in airframe.warnings[0]
+    assert partly.output_channels() == {}
+    assert partly.feed(parameter("SERVO4_FUNCTION", 33))
+    whole = partly.airframe()
+    assert escs(whole) == [3, 2, 1, 0]
+    assert whole is not None
+    assert whole.warnings == ()
+    assert not partly.feed(parameter("SERVO4_FUNCTION", 33))
+
+
+@pytest.mark.parametrize(("kind", "frame", "seat"), [(2, 1, "front right, CCW"), (2, 0, "right, CCW")])
+def test_old_ardupilot_keeps_a_quads_frame_in_frame(kind: int, frame: int, seat: str) -> None:
+    parameters = AirframeParameters()
+    parameters.feed(parameter("FRAME", frame, INT8))
+    airframe = parameters.airframe(kind)
+    assert airframe is not None
+    assert airframe.seat(0) == seat
+    assert parameters.airframe() is None
+    assert parameters.airframe(13) is None
+
+
+def px4_outputs(bank: str, *outputs: tuple[int, int]) -> AirframeParameters:
+    parameters = AirframeParameters()
+    for sample in px4_quad(True):
+        parameters.feed(sample)
+    for number, function in outputs:
+        parameters.feed(parameter(f"{bank}_FUNC{number}", function, INT32, True))
+    return parameters
+
+
+@pytest.mark.parametrize("bank", ["PWM_MAIN", "PWM_AUX"])
+def test_px4_dshot_slots_are_ranks_among_the_used_outputs(bank: str) -> None:
+    parameters = px4_outputs(bank, (1, 0), (5, 102), (6, 101), (7, 401), (8, 104), (3, 103))
+    airframe = parameters.airframe()
+    assert escs(airframe) == [2, 1, 0, 3]
+    assert parameters.output_channels() == {1: 5, 2: 4, 3: 2, 4: 7}
+    assert airframe is not None
+    assert "ESC 0 motor 3, ESC 1 motor 2, ESC 2 motor 1, ESC 3 motor 4" in airframe.warnings[0]
+
+
+def test_px4_can_slots_are_outputs() -> None:
+    parameters = px4_outputs("UAVCAN_EC", (2, 101), (4, 102), (6, 103), (8, 104))
+    assert escs(parameters.airframe()) == [1, 3, 5, 7]
+    assert parameters.output_channels() == {1: 1, 2: 3, 3: 5, 4: 7}
+
+
+def test_px4_dshot_in_motor_order_needs_no_warning_wherever_it_is() -> None:
+    parameters = px4_outputs("PWM_AUX", (5, 101), (6, 102), (7, 103), (8, 104))
+    airframe = parameters.airframe()
+    assert escs(airframe) == [0, 1, 2, 3]
+    assert airframe is not None
+    assert airframe.warnings == ()
+    assert parameters.output_channels() == {1: 4, 2: 5, 3: 6, 4: 7}
+
+
+def test_px4_outputs_that_lack_a_motor_tell_nothing() -> None:
+    parameters = px4_outputs("PWM_MAIN", (1, 102), (2, 101), (3, 104))
+    assert escs(parameters.airframe()) == [0, 1, 2, 3]
+    assert parameters.output_channels() == {}
+
+
+def test_arms_of_whole_metres_are_a_pattern() -> None:
+    samples = px4_quad(True)
+    whole = [
+        parameter(s.name, math.copysign(1.0, s.value)) if s.name[-2:] in ("PX", "PY") else s for s in samples
+    ]
+    airframe = collect(*whole)
+    assert airframe is not None
+    assert not airframe.metric
+
+
+def test_what_a_geometry_begun_lacks_is_named() -> None:
+    def missing(*samples: Parameter) -> str:
+        parameters = AirframeParameters()
+        for sample in samples:
+            parameters.feed(sample)
+        return parameters.missing()
+
+    samples = px4_quad(True)
+    assert missing() == ""
+    assert missing(*samples) == ""
+    assert missing(*samples[1:]) == "not heard: CA_ROTOR_COUNT"
+    assert missing(*samples[:-1]) == "not heard: CA_ROTOR3_KM"
+    assert missing(parameter("FRAME_CLASS", 1, INT8)) == "not heard: FRAME_TYPE"
+    assert missing(parameter("SERVO1_FUNCTION", 33)) == ""
+
+
 def test_ardupilot_coaxial_octo_tells_its_layers() -> None:
     airframe = collect(parameter("FRAME_CLASS", 4, INT8), parameter("FRAME_TYPE", 1, INT8))
     assert airframe is not None
@@ -167,3 +288,19 @@ def test_a_seat_in_the_middle_has_a_name() -> None:
         "middle, spin unknown",
         "rear right, spin unknown",
     ]
+
+
+@pytest.mark.parametrize(
+    ("frame", "seats"),
+    [
+        ((3, 1), {"front right at 23°, CW", "front right at 67°, CCW", "rear left at -113°, CCW"}),
+        ((14, 1), {"front at 18°, CCW", "front at -18°, CW", "right, CCW"}),
+        ((1, 4), {"rear at 180°, CW", "rear at 180°, CCW"}),  # a V-tail: one place in the mixer's pattern
+        ((4, 1), {"front right top, CCW", "front right bottom, CW"}),
+    ],
+)
+def test_rotors_side_by_side_have_seats_of_their_own(frame: tuple[int, int], seats: set[str]) -> None:
+    found = ardupilot_frame(*frame)
+    assert found is not None
+    airframe = Airframe(found[0], found[1], AirframeSource.PARAMETERS, metric=False)
+    assert seats <= {airframe.seat(k) for k in range(len(airframe.rotors))}
