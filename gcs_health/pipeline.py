@@ -152,6 +152,7 @@ class Monitor:
                     "rotor": rotor.esc,
                     "motor": rotor.motor,
                     "seat": vehicle.airframe.seat(k) if vehicle.airframe else "",
+                    "telemetry": vehicle.rotors.state(rotor.esc, vehicle.last_t).value,
                     "final": describe_state(final[k]),
                     "worst": describe_state(vehicle.worst.get(k, final[k])),
                 }
@@ -159,6 +160,8 @@ class Monitor:
         notes = [*vehicle.clock.quality(), vehicle.imu.describe(vehicle.autopilot), *vehicle.rotors.notes()]
         if vehicle.airframe is not None:
             notes += vehicle.airframe.warnings
+        if vehicle.missing_parameters():
+            notes.append(f"geometry parameters {vehicle.missing_parameters()}")
         if vehicle.unusable():
             notes.append(vehicle.unusable())
         elif vehicle.airframe is None:

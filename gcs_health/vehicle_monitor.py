@@ -140,6 +140,10 @@ class VehicleMonitor:
         known = self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED
         return effectiveness_needs(self.imu.rate(), self._rotor_rate(), landed, known, self.autopilot)
 
+    def missing_parameters(self) -> str:
+        """Say which parameters a geometry begun still lacks; empty if none."""
+        return self._parameters.missing() if self._source_is_worse_than(AirframeSource.PARAMETERS) else ""
+
     def unusable(self) -> str:
         """Say why nothing can be estimated here at all; empty if something can."""
         if self.vehicle_type is not None and self.vehicle_type not in MULTIROTORS:
@@ -182,8 +186,11 @@ class VehicleMonitor:
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
         self.imu.set_parameter(sample.name, sample.number)
-        if self._parameters.feed(sample) and self._source_is_worse_than(AirframeSource.FILE):
-            airframe = self._parameters.airframe()
+        if not self._parameters.feed(sample):
+            return
+        self.rotors.set_output_channels(self._parameters.output_channels())
+        if self._source_is_worse_than(AirframeSource.FILE):
+            airframe = self._parameters.airframe(self.vehicle_type)
             if airframe is not None and airframe != self.airframe:
                 self._adopt(airframe)
 

@@ -31,7 +31,8 @@ class GeometryConfig:
     strong_cos: float = 0.25
     strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
     weak_f: float = 10.0
-    weak_cos: float = 0.0
+    doubt_f: float = 4.0  # a verdict asks for more than flight does: a wrong name is worse than none
+    doubt_cos: float = 0.3
     agree_cos: float = 0.7
 
 
@@ -94,7 +95,13 @@ def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:
 
 def doubtful(fits: list[AxisFit], config: GeometryConfig) -> bool:
     """Whether a verdict must not be given on this geometry: weaker evidence than `contradicted`."""
-    return any(fit.f > config.weak_f and fit.cos < config.weak_cos for fit in fits)
+    return any(fit.f > config.doubt_f and fit.cos < config.doubt_cos for fit in fits)
+
+
+def supports(fits: list[AxisFit], config: GeometryConfig) -> bool:
+    """Whether the data bear out a geometry that was only assumed: one axis clearly, none against."""
+    clear = any(fit.f > config.weak_f and fit.cos > config.agree_cos for fit in fits)
+    return clear and all(fit.cos > 0.5 for fit in fits if fit.f > config.doubt_f)
 
 
 def agrees(fits: list[AxisFit], config: GeometryConfig) -> bool:

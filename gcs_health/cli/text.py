@@ -70,6 +70,8 @@ def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
         if _finite(final["std"]):
             value += f" ± {final['std']:.2f}"
         state = final["status"] + (f": {final['why']}" if final["why"] else "")
+        if rotor["telemetry"] != "fresh":
+            state += f" (telemetry {rotor['telemetry']})"
         name = f"{rotor['motor']} {rotor['seat']}"
         lines.append(
             f"  {name:<22}{value:<16}{_number(final['failure_probability'], 2):<11}"

@@ -15,7 +15,7 @@ Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where
 import math
 from collections import deque
 
-from gcs_health.airframe import Airframe
+from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.calibration import geometry_check
 from gcs_health.calibration.control_effectiveness import ControlEffectiveness, MomentRegression
 from gcs_health.calibration.residual_noise import ResidualNoise
@@ -43,6 +43,7 @@ class RecommendedBank:
     def __init__(self, airframe: Airframe, config: RecommendedConfig) -> None:
         self.config = config
         n = self.rotors = len(airframe.rotors)
+        self.assumed = airframe.source is AirframeSource.ASSUMED
         self.gains = ControlEffectiveness(airframe, config.prior)
         self.blocks = ImuBlocks(config.tick)
         self.track = RotorTrack(n)
@@ -266,9 +267,12 @@ class RecommendedBank:
         g = c.geometry
         if self.regression.time < g.least_time:
             return False
-        if geometry_check.doubtful(self._fits(), g):
+        fits = self._fits()
+        if geometry_check.doubtful(fits, g):
             self.contradicted = True
             return True
+        if self.assumed and not geometry_check.supports(fits, g):
+            return False  # a guess must be borne out before it names a rotor
         self.failed = verdict.rotor
         self.verdict = verdict
         return True
