@@ -150,7 +150,8 @@ def main() -> None:
                     phase = (rng.randrange(keep[0]), rng.randrange(keep[1]))
                     results[cell].append(trial(decimate(changed, keep, phase), crafts[name], rotor, t0))
         print(
-            f"## Seed {seed}\n\n| rate | found | wrong | before t0 | median ms | 97.5 % ms |\n|---|---|---|---|---|---|"
+            f"## Seed {seed}\n\n| rate | found | wrong | before t0 | median ms | 97.5 % ms |\n"
+            "|---|---|---|---|---|---|"
         )
         for cell, outcome in results.items():
             delays = sorted(delay for what, delay in outcome if what == "found")

@@ -5,10 +5,12 @@
 Every flight goes through the project's own Monitor at five rates (IMU/ESC Hz); decimation keeps every
 n-th message, from several start phases, for the ejection both equal for the two messages and spread over
 each one's interval (an ESC message each 100 ms may come up to 100 ms after what it shows), else spread.
-Paper mode runs at full rate and 100/50. The rules and thresholds were taken from sheet 5, which tuned them on these same flights; those
-added here (window-wide upward push, timing error in the model error, typical noise that scales with the
-craft, geometry check) were chosen on `nanodrone_*` and `indiflight_*` with moved stamps, dropped
-messages and wrong gains. So this table shows what the rules do, not what they will do elsewhere.
+Paper mode runs at full rate and 100/50.
+
+The rules and thresholds were taken from sheet 5, which tuned them on these same flights. Those added here
+(window-wide upward push, timing error in the model error, typical noise that scales with the craft,
+geometry check) were chosen on `nanodrone_*` and `indiflight_*` with moved stamps, dropped messages and
+wrong gains. So this table shows what the rules do, not what they will do elsewhere.
 """
 
 import argparse
@@ -89,7 +91,7 @@ def main() -> None:
     arguments = parser.parse_args()
     print("# The effectiveness estimator on recorded flights\n")
     print(f"Printed by `python benchmarks/real_flights.py FOLDER --phases {arguments.phases}`.\n")
-    print((__doc__ or "").split("\n\n")[2] + "\n")
+    print((__doc__ or "").split("\n\n", 2)[2])
     modes = [("recommended", cell) for cell in CELLS] + [("paper", "full"), ("paper", "100/50")]
     print(f"## {EJECTION}: motor {EJECTED}, label {LABEL} s, first visible {FIRST_VISIBLE} s\n")
     print("| mode and rate | phases | alarms | right motor | before 12.24 s | alarm at s | after label, ms |")

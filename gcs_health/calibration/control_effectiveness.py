@@ -119,8 +119,10 @@ class ControlEffectiveness:
         if self.thrust_given:
             return
         if self._level.feed(dt, az, squares, self._airborne):
-            self.thrust = self._level.thrust
-            self._apply()
+            learned = self._level.thrust
+            if abs(learned - self.thrust) > 1e-3 * self.thrust or learned == 0.0:
+                self.thrust = learned
+                self._apply()
 
     def learn_moments(self, roll: tuple[float, float], pitch: tuple[float, float]) -> None:
         """Take (direct, R²) of measured on presently predicted acceleration, roll and pitch."""

@@ -3,7 +3,7 @@
 import math
 
 from gcs_health.estimators.contract import Reason
-from gcs_health.estimators.ticks import FASTEST
+from gcs_health.estimators.ticks import FASTEST, complete
 from gcs_health.samples import CommandReading, RotorReading
 
 
@@ -27,6 +27,11 @@ class Inputs:
 
     def take_speeds(self, reading: RotorReading) -> None:
         """Take the speeds that are new and plausible."""
+        t = reading.t
+        if complete(reading.speed, len(self.speeds)) and t >= max(self.speed_t):
+            self.speeds[:] = reading.speed
+            self.speed_t = [t] * len(self.speeds)
+            return
         for i, speed in enumerate(reading.speed[: len(self.speeds)]):
             if -FASTEST < speed < FASTEST and reading.t >= self.speed_t[i]:
                 self.speeds[i] = abs(speed)

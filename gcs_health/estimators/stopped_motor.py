@@ -33,6 +33,7 @@ class StoppedMotor:
         self._turned = [False] * rotors
         self._low_since = [math.nan] * rotors
         self._flying_since = math.nan
+        self._all_turn = False  # every rotor reports, turns and was not low last time
 
     def feed(
         self, t: float, speeds: list[float], hover: float, commands: list[float], judged: bool = True
@@ -44,6 +45,14 @@ class StoppedMotor:
         still counts, since the controller idles the rotor opposite to a lost one.
         """
         c = self.config
+        if self._all_turn and min(speeds) >= c.stopped * hover:  # by far the most frequent case
+            if sum(speeds) > c.others * hover * len(speeds):
+                if self._flying_since != self._flying_since:
+                    self._flying_since = t
+            else:
+                self._flying_since = math.nan
+            return None
+        self._all_turn = False
         certain = judged and not any([speed != speed for speed in speeds])
         slow, total, count = self._sort(t, speeds, (c.stopped if certain else c.standing) * hover)
         if count < 3:
@@ -57,6 +66,7 @@ class StoppedMotor:
         if self._flying_since != self._flying_since:
             self._flying_since = t
         if not slow:
+            self._all_turn = count == self.rotors
             return None
         rotor = slow[0]
         if not self._turned[rotor] or commands[rotor] < c.command_off:

@@ -33,17 +33,21 @@ class UsualStep:
         self.value = math.nan  # [s]
         self._recent: list[float] = []
 
-    def feed(self, dt: float) -> None:
-        """Take one step [s]."""
+    def feed(self, dt: float) -> bool:
+        """Take one step, > 0 [s]; return whether `value` may have changed."""
         recent = self._recent
         recent.append(dt)
-        if self.value != self.value or len(recent) >= 9:
-            ordered = sorted(recent)
-            self.value = ordered[len(ordered) // 2]
-            if len(recent) >= 9:
-                recent.clear()
-        elif len(recent) == 3:
+        count = len(recent)
+        if count >= 9:
+            self.value = sorted(recent)[4]
+            recent.clear()
+        elif self.value != self.value:
+            self.value = dt
+        elif count == 3:
             self.value = min(self.value, sorted(recent)[1])  # the very first step may have been a gap
+        else:
+            return False
+        return True
 
 
 def plausible(reading: ImuReading) -> bool:
@@ -68,6 +72,7 @@ class ImuBlocks:
 
     def __init__(self, length: float) -> None:
         self.length = length  # [s]
+        self.per_block = 1  # messages averaged into one tick
         self._step = UsualStep()
         self.last_t = -math.inf
         self.dropped = 0
@@ -84,7 +89,9 @@ class ImuBlocks:
         dt = t - self.last_t
         self.last_t = t
         if dt < math.inf:
-            self._step.feed(dt)
+            if self._step.feed(dt):
+                # at 150 Hz and below every message is a tick
+                self.per_block = max(1, int(self.length / self._step.value + 0.5))
             if self._count and dt > 2.5 * self.step and dt > 0.5 * self.length:
                 done = self._flush()
         sums = self._sums
@@ -105,13 +112,6 @@ class ImuBlocks:
         """Usual time between messages [s], NaN before the second."""
         return self._step.value
 
-    @property
-    def per_block(self) -> int:
-        """Messages averaged into one tick."""
-        step = self._step.value
-        # .25: at 100 Hz and below every message is a tick, at 125 Hz too
-        return max(1, int(self.length / step + 0.25)) if step > 0.0 else 1
-
     def _flush(self) -> Tick:
         share = 1.0 / self._count
         tick = Tick(*[value * share for value in self._sums])
@@ -123,20 +123,33 @@ class ImuBlocks:
 class RotorTrack:
     """The recent speed samples of each rotor.
 
+    As long as every reading carries every rotor, samples are kept as rows, which is several times faster;
+    a reading that does not, as with ESC messages of four, turns them into one list a rotor.
+
     Attributes
     ----------
     covered : time up to which every rotor's speed is bracketed by samples [s]; -inf while one has none.
-    late : samples dropped because they were not newer than the last of their rotor.
+    late : readings or samples dropped because they were not newer than the last.
     """
 
     KEPT = 48  # samples a rotor; at 500 Hz a tenth of a second, far beyond any tick still open
 
     def __init__(self, rotors: int) -> None:
-        self.times: list[list[float]] = [[] for _ in range(rotors)]
-        self.speeds: list[list[float]] = [[] for _ in range(rotors)]
+        self.rotors = rotors
         self.covered = -math.inf
         self.late = 0
         self._step = UsualStep()
+        self._row_times: list[float] = []
+        self._rows: list[tuple[float, ...]] = []
+        self._split = False
+        self._run = 0  # complete readings on end while split
+        self._times: list[list[float]] = [[] for _ in range(rotors)]
+        self._speeds: list[list[float]] = [[] for _ in range(rotors)]
+
+    @property
+    def interval(self) -> float:
+        """Usual time between samples [s], NaN while unknown."""
+        return self._step.value
 
     def feed(self, reading: RotorReading) -> bool:
         """Take one reading; return whether `covered` moved."""
@@ -144,26 +157,43 @@ class RotorTrack:
         if t - t != 0.0:
             self.late += 1
             return False
-        for times, speeds, speed in zip(self.times, self.speeds, reading.speed, strict=False):
-            if not -FASTEST < speed < FASTEST:
-                continue
-            if times and t <= times[-1]:
-                self.late += 1
-                continue
-            times.append(t)
-            speeds.append(speed if speed >= 0.0 else -speed)
-            if len(times) > self.KEPT:
-                del times[: self.KEPT // 2]
-                del speeds[: self.KEPT // 2]
-        return self._cover()
+        if self._split:
+            self._feed_each(reading)
+            covered = min([times[-1] if times else -math.inf for times in self._times])
+            self._run = self._run + 1 if complete(reading.speed, self.rotors) else 0
+            if self._run > self.KEPT // 2:
+                self._turn_to_rows()
+            return self._cover(covered)
+        if not complete(reading.speed, self.rotors):
+            self._turn_to_lists()
+            return self.feed(reading)
+        times = self._row_times
+        if times and t <= times[-1]:
+            self.late += 1
+            return False
+        times.append(t)
+        self._rows.append(reading.speed)
+        if len(times) > self.KEPT:
+            del times[: self.KEPT // 2]
+            del self._rows[: self.KEPT // 2]
+        return self._cover(t)
 
-    def _cover(self) -> bool:
-        covered = math.inf
-        for times in self.times:
-            if not times:
-                return False
-            if times[-1] < covered:
-                covered = times[-1]
+    def at(self, t: float) -> list[float]:
+        """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one."""
+        if self._split:
+            return [_between(t, *track) for track in zip(self._times, self._speeds, strict=True)]
+        times, rows = self._row_times, self._rows
+        j = len(times) - 1
+        if t >= times[j]:
+            return list(rows[j])
+        while j and times[j - 1] > t:
+            j -= 1
+        if j == 0:
+            return list(rows[0])
+        share = (t - times[j - 1]) / (times[j] - times[j - 1])
+        return [low + share * (high - low) for low, high in zip(rows[j - 1], rows[j], strict=True)]
+
+    def _cover(self, covered: float) -> bool:
         if covered <= self.covered:
             return False
         if self.covered > -math.inf:
@@ -171,30 +201,54 @@ class RotorTrack:
         self.covered = covered
         return True
 
-    @property
-    def interval(self) -> float:
-        """Usual time between samples [s], NaN while unknown."""
-        return self._step.value
+    def _feed_each(self, reading: RotorReading) -> None:
+        t = reading.t
+        for times, speeds, speed in zip(self._times, self._speeds, reading.speed, strict=False):
+            if not -FASTEST < speed < FASTEST:
+                continue
+            if times and t <= times[-1]:
+                self.late += 1
+                continue
+            times.append(t)
+            speeds.append(abs(speed))
+            if len(times) > self.KEPT:
+                del times[: self.KEPT // 2]
+                del speeds[: self.KEPT // 2]
 
-    def at(self, t: float) -> list[float]:
-        """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one."""
-        out = []
-        after = before = math.nan  # bracket of the rotor before: most share one ESC message
-        share = 0.0
-        for times, speeds in zip(self.times, self.speeds, strict=True):
-            j = len(times) - 1
-            if t >= times[j]:
-                out.append(speeds[j])
-                continue
-            while j and times[j - 1] > t:
-                j -= 1
-            if j == 0:
-                out.append(speeds[0])
-                continue
-            if times[j] != after or times[j - 1] != before:
-                after = times[j]
-                before = times[j - 1]
-                share = (t - before) / (after - before)
-            low = speeds[j - 1]
-            out.append(low + share * (speeds[j] - low))
-        return out
+    def _turn_to_rows(self) -> None:
+        recent = [times[-self.KEPT // 2 :] for times in self._times]
+        if any([times != recent[0] for times in recent]):  # late samples were dropped: not yet one row
+            return
+        self._split = False
+        self._row_times = recent[0]
+        self._rows = list(zip(*[speeds[-self.KEPT // 2 :] for speeds in self._speeds], strict=True))
+
+    def _turn_to_lists(self) -> None:
+        self._split = True
+        self._run = 0
+        for i in range(self.rotors):
+            self._times[i] = list(self._row_times)
+            self._speeds[i] = [row[i] for row in self._rows]
+        self._row_times.clear()
+        self._rows.clear()
+
+
+def complete(speeds: tuple[float, ...], rotors: int) -> bool:
+    """Whether every rotor has a plausible, non-negative speed [rad/s]."""
+    if len(speeds) != rotors:
+        return False
+    total = sum(speeds)  # NaN hides from min and max, not from this
+    return total == total and min(speeds) >= 0.0 and max(speeds) < FASTEST
+
+
+def _between(t: float, times: list[float], speeds: list[float]) -> float:
+    """Interpolate one rotor's speed; held beyond either end."""
+    j = len(times) - 1
+    if t >= times[j]:
+        return speeds[j]
+    while j and times[j - 1] > t:
+        j -= 1
+    if j == 0:
+        return speeds[0]
+    share = (t - times[j - 1]) / (times[j] - times[j - 1])
+    return speeds[j - 1] + share * (speeds[j] - speeds[j - 1])
