@@ -31,7 +31,7 @@ class GeometryConfig:
     strong_cos: float = 0.25
     strong_part: float = 0.35  # of the free fit's R² that the geometry may explain at most
     weak_f: float = 10.0
-    doubt_f: float = 4.0  # a verdict asks for more than flight does: a wrong name is worse than none
+    doubt_f: float = 3.0  # a verdict asks for more than flight does: a wrong name is worse than none
     doubt_cos: float = 0.3
     agree_cos: float = 0.7
 

@@ -69,7 +69,8 @@ def test_no_other_flight_alarms(flight: str) -> None:
         ("indiflight_00267", "nanodrone"),
         ("indiflight_00230", "quad_x"),
         ("nanodrone_square_run1", "indiflight"),
-        ("nanodrone_square_run5", "quad_x"),
+        ("nanodrone_square_run3", "quad_x"),
+        ("bebop2_prop_eject", "quad_x"),
     ],
 )
 def test_a_wrong_geometry_is_contradicted_and_names_no_rotor(flight: str, vehicle: str) -> None:
