@@ -1,6 +1,6 @@
 """How much faster than real time a whole replay runs, on one core.
 
-    python benchmarks/replay.py                      # synthetic: 8 rotors, IMU and ESCs at 250 Hz
+    python benchmarks/replay.py                      # synthetic: 8 rotors, IMU at 250 Hz, ESCs at 10 to 250 Hz
     python benchmarks/replay.py FLIGHT.tlog [--vehicle FILE.toml]
 
 The synthetic log hovers with noise and ends healthy, so that the estimator never has the easy life after
@@ -27,9 +27,10 @@ from gcs_health.record.events import SummaryEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
 
 HOVER, ROTORS, RATE = 500.0, 8, 250  # rad/s, -, Hz
+ESC_RATES = (10, 25, 50, 125, 250)  # Hz, of two ESC_STATUS messages each
 
 
-def synthetic(duration: float, seed: int = 7) -> bytes:
+def synthetic(duration: float, esc_rate: int = RATE, seed: int = 7) -> bytes:
     """Return a .tlog of an octocopter X at hover: rates follow the rotor speeds as the estimator models it."""
     rng = np.random.default_rng(seed)
     frame = ardupilot_frame(3, 1)
@@ -65,7 +66,7 @@ def synthetic(duration: float, seed: int = 7) -> bytes:
             ),
         )
         rpm = np.round(speed * 30 / math.pi).astype(int).tolist()
-        for first in (0, 4):
+        for first in (0, 4) if k % (RATE // esc_rate) == 0 else ():
             send(
                 t,
                 own,
@@ -102,7 +103,8 @@ def main() -> None:
     gc.set_threshold(100_000, 20, 20)  # as the command line does; it holds for all contestants
     airframe = load_vehicle(args.vehicle) if args.vehicle else None
     logs = [(path.name, path.read_bytes()) for path in args.flights] or [
-        (f"synthetic, {ROTORS} rotors, IMU and ESC at {RATE} Hz", synthetic(args.duration))
+        (f"synthetic, {ROTORS} rotors, IMU {RATE} Hz, ESCs {rate} Hz", synthetic(args.duration, rate))
+        for rate in ESC_RATES
     ]
     print("| flight | s | MB | times real time: best | median | alerts |\n|---|---|---|---|---|---|")
     for name, data in logs:
