@@ -33,6 +33,7 @@ class GeometryConfig:
     weak_f: float = 10.0
     doubt_f: float = 3.0  # a verdict asks for more than flight does: a wrong name is worse than none
     doubt_cos: float = 0.3
+    doubt_samples: float = 100.0  # with fewer, and a time shift not yet found, right files look wrong too
     agree_cos: float = 0.7
 
 
@@ -95,7 +96,11 @@ def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:
 
 def doubtful(fits: list[AxisFit], config: GeometryConfig) -> bool:
     """Whether a verdict must not be given on this geometry: weaker evidence than `contradicted`."""
-    return any(fit.f > config.doubt_f and fit.cos < config.doubt_cos for fit in fits)
+    return any(
+        fit.f > (config.doubt_f if fit.samples > config.doubt_samples else config.weak_f)
+        and fit.cos < config.doubt_cos
+        for fit in fits
+    )
 
 
 def supports(fits: list[AxisFit], config: GeometryConfig) -> bool:

@@ -16,7 +16,9 @@ from gcs_health.errors import GcsHealthError
 
 DONE, BUG, BAD_INPUT, ALERT, INTERRUPTED = 0, 1, 2, 3, 130
 
-_EXAMPLES = """\
+_DESCRIPTION = """\
+Says, rotor by rotor, what is wrong with a multirotor, from its MAVLink.
+
 examples:
   gcs-health replay flight.tlog
   gcs-health replay flight.tlog --vehicle quad.toml --jsonl events.jsonl
@@ -50,8 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="gcs-health",
-        description="Says, rotor by rotor, what is wrong with a multirotor, from its MAVLink.",
-        epilog=_EXAMPLES,
+        description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs-health {__version__}")

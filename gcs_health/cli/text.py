@@ -1,6 +1,8 @@
 """Events and surveys as text for people: plain columns, no colour needed."""
 
 import math
+import shutil
+import textwrap
 from typing import Any
 
 from gcs_health.needs import Need
@@ -50,7 +52,8 @@ def summary_text(event: SummaryEvent) -> str:
             f"{_number(gaps['total'], 1)} s in all"
         )
     lines.append("  frames    " + ", ".join(f"{k} {v}" for k, v in event.counters.items()))
-    lines += [f"  note      {note}" for note in event.notes]
+    for note in event.notes:
+        lines += _entry("note", note)
     if event.rotors:
         lines += ["", *_rotor_table(event.rotors)]
     lines.append("")
@@ -58,6 +61,16 @@ def summary_text(event: SummaryEvent) -> str:
         lines.append("  no alert")
     lines += [f"  {clock(_f(a['t']))}  {a['code']} {a['state']}: {a['text']}" for a in _dicts(event.alerts)]
     return "\n".join(lines) + "\n"
+
+
+def _entry(label: str, text: str) -> list[str]:
+    return _wrapped(f"  {label:<10}{text}", 12)
+
+
+def _wrapped(line: str, indent: int) -> list[str]:
+    """Break a line at the terminal's width, what follows under its text."""
+    width = max(shutil.get_terminal_size((100, 24)).columns, 40)
+    return textwrap.wrap(line, width, subsequent_indent=" " * indent, break_on_hyphens=False)
 
 
 def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
@@ -135,15 +148,20 @@ def _vehicle(vehicle: VehicleSurvey) -> list[str]:
         lines.append(f"  airframe  {frame.name} from {frame.source.value}")
         seats = ", ".join(f"{rotor.motor} {frame.seat(k)}" for k, rotor in enumerate(frame.rotors))
         lines.append(f"            {seats}")
-        lines += [f"            {warning}" for warning in frame.warnings]
-    lines += [f"  clock     {said}" for said in vehicle.clock]
-    lines.append(f"  IMU       {vehicle.imu}")
-    lines += [f"  ESCs      {said}" for said in vehicle.rotor_telemetry]
+        for warning in frame.warnings:
+            lines += _entry("", warning)
+    for label, said in (
+        *(("clock", said) for said in vehicle.clock),
+        ("IMU", vehicle.imu),
+        *(("ESCs", said) for said in vehicle.rotor_telemetry),
+    ):
+        lines += _entry(label, said)
     lines += [f"  gap       {length:.1f} s before {clock(t)}" for t, length in vehicle.gaps[:10]]
     if len(vehicle.gaps) > 10:
         lines.append(f"            and {len(vehicle.gaps) - 10} more gaps")
     lines.append("  effectiveness needs")
-    lines += [f"    {need_text(need)}" for need in vehicle.needs]
+    for need in vehicle.needs:
+        lines += _wrapped(f"    {need_text(need)}", 13)
     return lines
 
 

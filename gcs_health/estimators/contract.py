@@ -68,7 +68,7 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.SETTLING: "the residuals' baseline is still settling",
     Reason.EFFECTIVENESS_UNKNOWN: "the control effectiveness is not yet identified",
     Reason.MOTOR_STOPPED: "the motor stands still: its effectiveness cannot be seen",
-    Reason.ANOTHER_ROTOR_FAILED: "another rotor has failed: single faults only",
+    Reason.ANOTHER_ROTOR_FAILED: "another rotor has failed",
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
 }
 

@@ -311,9 +311,9 @@ class EffectivenessEstimator:
             )
         verdict = core.verdict
         value = min(max(1.0 - verdict.theta, 0.0), 1.5)
-        threshold = core.config.bank.llr - math.log(9.0)
-        rival = math.exp(min(verdict.llr - verdict.lead - threshold, 700.0))
-        own = math.exp(min(verdict.llr - threshold, 700.0))
+        # odds of this fault against none (the threshold LLR alone gives .9) and against the next rotor's
+        none = math.exp(min(core.config.bank.llr - math.log(9.0) - verdict.llr, 0.0))
+        rival = math.exp(-max(verdict.lead, 0.0))
         evidence = (
             ("rule", "single_fault_bank"),
             ("llr", verdict.llr),
@@ -330,7 +330,7 @@ class EffectivenessEstimator:
             rotor,
             value,
             verdict.std,
-            max(own / (1.0 + own + rival), 0.9001),
+            max(1.0 / (1.0 + none + rival), 0.9001),
             Status.VALID,
             [],
             NAN,

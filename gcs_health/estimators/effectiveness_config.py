@@ -35,6 +35,7 @@ class RecommendedConfig:
     wait: float = 0.01  # s; rotor speeds as fast as that are waited for rather than held
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
     freeze_at_most: float = 1.0  # s on end; this project
+    refine: float = 0.3  # s after a verdict in which the size of the loss is still learned; this project
     check_every: float = 0.5  # s between looks at gains and geometry
     strikes: int = 3  # successive looks that must contradict the geometry
     bank: BankConfig = field(default_factory=BankConfig)

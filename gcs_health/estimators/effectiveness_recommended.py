@@ -55,6 +55,7 @@ class RecommendedBank:
         self.slow = SlowEffectiveness(n, config.slow)
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
+        self._failed_at = -math.inf
         self.contradicted = False
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
@@ -244,6 +245,7 @@ class RecommendedBank:
     def _judge(self, t: float, final: bool) -> bool:
         """Judge the bank as it stands; return whether a verdict fell."""
         if self.failed is not None:
+            self._refine(t)
             return False
         c = self.config
         verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
@@ -262,9 +264,11 @@ class RecommendedBank:
         else:
             row = 0
         self._row = (verdict.rotor, row)
-        if row < (c.ticks_slow if slow else c.ticks):
-            return False
-        g = c.geometry
+        return row >= (c.ticks_slow if slow else c.ticks) and self._decide(verdict, t)
+
+    def _decide(self, verdict: Verdict, t: float) -> bool:
+        """Name the rotor, if the geometry bears it; return whether anything is decided."""
+        g = self.config.geometry
         if self.regression.time < g.least_time:
             return False
         fits = self._fits()
@@ -275,7 +279,17 @@ class RecommendedBank:
             return False  # a guess must be borne out before it names a rotor
         self.failed = verdict.rotor
         self.verdict = verdict
+        self._failed_at = t
         return True
+
+    def _refine(self, t: float) -> None:
+        """Size the loss better: the window that names the rotor best still grows after the verdict."""
+        c = self.config
+        if t - self._failed_at > c.refine:
+            return
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        if verdict.passes and verdict.rotor == self.failed and verdict.llr > self.verdict.llr:
+            self.verdict = verdict
 
     def _freeze(self, t: float) -> None:
         """Stop learning while a hypothesis is half way, lest the fault become the baseline."""
