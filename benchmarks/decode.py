@@ -231,17 +231,25 @@ def report_memory(megabytes: int) -> None:
 
 
 def memory_of(path: str) -> None:
-    """Decode a file to samples and print the growth of the peak."""
+    """Decode a file to samples and print how far the peak rose above what the imports left resident."""
     from gcs_health.mavlink.tlog import open_log
 
-    default_dialect()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1024
     frames = FrameDecoder(default_dialect(), stamped=True)
+    highest = before
     with open_log(path) as log:
-        for block in log.blocks():
+        for k, block in enumerate(log.blocks()):
             DECODER.samples(frames.feed(block))
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    print(f"{grown / 1024:.1f} MB ({frames.counters.frames} frames)")
+            if k % 50 == 0:
+                resident = (
+                    int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1024
+                )
+                highest = max(highest, resident)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(
+        f"{(highest - before) / 1024:.1f} MB resident between blocks, {(peak - before) / 1024:.1f} MB at the peak, "
+        f"imports' own peak included ({frames.counters.frames} frames)"
+    )
 
 
 DECODER = MessageDecoder(default_dialect())
