@@ -18,7 +18,7 @@ from enum import StrEnum
 from gcs_health.samples import Imu, Sample, SystemTime
 
 US = 1_000_000  # µs in a second
-UNIX_FROM = 10**15  # µs; stamps above are UNIX time, below time since boot (mavlink.md section 7)
+UNIX_FROM = 10**15  # µs; stamps above are UNIX time, below time since boot (mavlink notes)
 UNIX_TO = 41 * 10**14  # µs; the year 2099
 BOOT_TO = 3 * 10**14  # µs; nine years of uptime
 SERVO_OUTPUT_RAW = 36  # the one message whose stamp is u32 µs: wraps every 71.6 minutes

@@ -1,6 +1,6 @@
 """What an ESC's numbers mean: fresh, stale, stopped or never reported; which ESC is which rotor.
 
-Zeros and repeats mean different things on the two autopilots (mavlink.md sections 3 and 4):
+Zeros and repeats mean different things on the two autopilots (mavlink notes):
 
 PX4 ESC_STATUS     rpm 0 at 0 V where volts were seen = no data; with volts = stopped; where an ESC never
                    gave volts a zero is a stopped rotor once it has turned, else nobody there.

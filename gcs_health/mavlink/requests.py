@@ -6,7 +6,7 @@ SET_MESSAGE_INTERVAL = 511
 PX4, ARDUPILOT = 12, 3
 OUR_SYSTEM, OUR_COMPONENT = 255, 190  # a ground station
 
-# (message id, name, rate [Hz]) by autopilot; mavlink.md section 9: what a link can carry and we can use
+# (message id, name, rate [Hz]) by autopilot; mavlink notes: what a link can carry and we can use
 WANTED: dict[int, tuple[tuple[int, str, int], ...]] = {
     PX4: (
         (291, "ESC_STATUS", 10),
