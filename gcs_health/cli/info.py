@@ -3,15 +3,14 @@
 import argparse
 import dataclasses
 import json
-import math
 import sys
-from typing import Any
 
 from gcs_health.cli import BAD_INPUT, DONE
 from gcs_health.cli.text import survey_text
 from gcs_health.errors import GcsHealthError
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.events import plain
 from gcs_health.vehicle_file import load_vehicle
 
 
@@ -32,17 +31,7 @@ def run(options: argparse.Namespace) -> int:
             continue
         survey = monitor.survey()
         if options.json:
-            print(json.dumps({"file": name, **_plain(dataclasses.asdict(survey))}, allow_nan=False))
+            print(json.dumps({"file": name, "survey": plain(dataclasses.asdict(survey))}, allow_nan=False))
         else:
             print(survey_text(name, survey))
     return code
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return value

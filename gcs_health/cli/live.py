@@ -7,8 +7,9 @@ from types import FrameType
 
 from gcs_health.cli import ALERT, DONE, INTERRUPTED
 from gcs_health.cli.monitoring import Output, make_monitor
-from gcs_health.mavlink.endpoints import Endpoint, Links, parse_endpoint
+from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.requests import RateRequests
+from gcs_health.mavlink.spellings import Endpoint, parse_endpoint
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor
 from gcs_health.record.recorder import Recorder

@@ -113,12 +113,7 @@ class Si(Rule):
         """See `Rule.many`."""
 
         def column(columns: Columns) -> Sequence[Any]:
-            wire = columns[self.field]
-            value = wire.astype(np.float64)
-            if self.scale != 1.0:
-                value *= self.scale
-            if self.absent is not None:
-                value[wire == self.absent] = math.nan
+            value = _in_si(columns[self.field], self.scale, self.absent)
             if self.when is not None:
                 missing = columns[self.when[0]] & self.when[1] == 0
                 if missing.any():
@@ -143,17 +138,7 @@ class SiArray(Rule):
 
     def many(self, message: Message) -> Many:
         """See `Rule.many`."""
-
-        def column(columns: Columns) -> Sequence[Any]:
-            wire = columns[self.field]
-            value = wire.astype(np.float64)
-            if self.scale != 1.0:
-                value *= self.scale
-            if self.absent is not None:
-                value[wire == self.absent] = math.nan
-            return _tuples(value)
-
-        return column
+        return lambda columns: _tuples(_in_si(columns[self.field], self.scale, self.absent))
 
 
 @dataclass(frozen=True)
@@ -201,6 +186,15 @@ def text(raw: bytes) -> str:
 def _scaled(at: int, scale: float, absent: float | None) -> str:
     value = f"r[{at}] * {scale!r}"  # × 1.0 makes a float of an integer and leaves a float as it is
     return value if absent is None else f"(nan if r[{at}] == {absent!r} else {value})"
+
+
+def _in_si(wire: np.ndarray[Any, Any], scale: float, absent: float | None) -> np.ndarray[Any, Any]:
+    value = wire.astype(np.float64)
+    if scale != 1.0:
+        value *= scale
+    if absent is not None:
+        value[wire == absent] = math.nan
+    return value
 
 
 def _tuples(array: np.ndarray[Any, Any]) -> list[Any]:

@@ -124,7 +124,7 @@ def to_json(event: Event, first: bool = False) -> str:
     line: dict[str, object] = {"schema": SCHEMA} if first else {}
     line["type"] = _TYPE[kind]
     for name in _FIELDS[kind]:
-        line[name] = _plain(getattr(event, name))
+        line[name] = plain(getattr(event, name))
     return _encode(line)
 
 
@@ -136,11 +136,12 @@ def lines(events: Iterable[Event]) -> Iterator[str]:
         first = False
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """Return a value as JSON has it: tuples as lists, NaN and infinities as None."""
     if type(value) is float:
         return value if value - value == 0.0 else None
     if type(value) is dict:
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if type(value) is tuple or type(value) is list:
-        return [_plain(item) for item in value]
-    return _plain(float(value)) if isinstance(value, float) else value  # numpy's float has another type
+        return [plain(item) for item in value]
+    return plain(float(value)) if isinstance(value, float) else value  # numpy's float has another type

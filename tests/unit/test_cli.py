@@ -165,7 +165,7 @@ def test_bad_usage_ends_with_2(arguments: list[str]) -> None:
 
 def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(FLIGHT), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(capsys.readouterr().out)["survey"]
     assert told["vehicles"][0]["vehicle"] == "1.1"
     assert {m["name"] for m in told["systems"][0]["messages"]} >= {"HIGHRES_IMU", "ESC_STATUS", "HEARTBEAT"}
 

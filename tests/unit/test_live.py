@@ -11,8 +11,9 @@ import pytest
 
 from gcs_health.cli import main
 from gcs_health.mavlink.dialect import default_dialect
-from gcs_health.mavlink.endpoints import Links, parse_endpoint
+from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.frames import FrameDecoder
+from gcs_health.mavlink.spellings import parse_endpoint
 
 FLIGHT = Path(__file__).parents[2] / "replay" / "lost_propeller.tlog"
 
