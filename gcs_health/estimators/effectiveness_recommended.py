@@ -22,7 +22,15 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.residual_model import Array, Residual, Step, calm, contribution, residual
+from gcs_health.estimators.residual_model import (
+    Array,
+    Residual,
+    Step,
+    calm,
+    contribution,
+    raw_residual,
+    residual,
+)
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import GRAVITY, Closed, FlightGate
@@ -216,31 +224,34 @@ class RecommendedBank:
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
         step = self._pending[position]
-        left, variances = self._held(position)
+        before = self._held_speeds[position - 1] if position else self._speeds
+        e = raw_residual(step, before, self._held_speeds[position], self.gains)
         noise = self.noise
         if step.tick.t > self._newest_learned:
             self._newest_learned = step.tick.t
             if step.tick.t > self._frozen_until and self.failed is None:
-                noise.learn_aged(position + 1, left.e, step.dt, self.gate.since_open, step.inflation)
+                noise.learn_aged(position + 1, e, step.dt, self.gate.since_open, step.inflation)
         suspected = step.tick.t <= self._frozen_until or self._in_bank == position > 0
-        if not suspected and calm(left, noise.offset, variances, self.config.calm):
+        if not suspected and calm(e, noise.offset, self._variances(position), self.config.calm):
             return False
-        for waited in range(self._in_bank, position):
-            self._add_provisional(*self._held(waited))
-        self._add_provisional(left, variances)
+        for waited in range(self._in_bank, position + 1):
+            self._add_provisional(waited)
         self._in_bank = position + 1
         return self._judge(step.tick.t, False)
 
-    def _held(self, position: int) -> tuple[Residual, list[float]]:
-        """Return residual and variances of a pending tick with the last rotor speeds held."""
+    def _variances(self, position: int) -> list[float]:
+        """Return the variances of a pending tick: its rotor speeds are held, and so the older the worse."""
+        step = self._pending[position]
+        late = max(0.0, step.tick.t - self.track.covered - self.shift.shift)
+        return self.noise.variances(position + 1, late, step.inflation)
+
+    def _add_provisional(self, position: int) -> None:
+        """Put a pending tick into the bank, with the last rotor speeds held."""
         step = self._pending[position]
         before = self._held_speeds[position - 1] if position else self._speeds
         left = residual(step, before, self._held_speeds[position], self.gains, self.config.model_error)
-        late = max(0.0, step.tick.t - self.track.covered - self.shift.shift)
-        return left, self.noise.variances(position + 1, late, step.inflation)
-
-    def _add_provisional(self, left: Residual, variances: list[float]) -> None:
-        self.bank.add_provisional(contribution(left, self.noise.offset, variances), -left.e[3])
+        column = contribution(left, self.noise.offset, self._variances(position))
+        self.bank.add_provisional(column, -left.e[3])
 
     def _judge(self, t: float, final: bool) -> bool:
         """Judge the bank as it stands; return whether a verdict fell."""
