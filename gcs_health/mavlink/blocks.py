@@ -104,16 +104,16 @@ def _check(data: bytes, starts: Integers, v2: Flags, good: Flags, dialect: Diale
     raw = np.frombuffer(padded, np.uint8)
     start, is_v2 = starts[chosen], v2[chosen]
     ids = message_ids(raw, start, is_v2)
-    place = np.minimum(np.searchsorted(dialect.known_ids, ids), len(dialect.known_ids) - 1)
+    extra = dialect.extras.take(ids, mode="clip")
     length = raw[start + 1].astype(np.int64) + np.where(is_v2, 9, 5)  # bytes under the CRC, magic left out
     order = np.argsort((LONGEST_RECORD - length).astype(np.uint16), kind="stable")  # radix: small integers
     length = length[order]
     said = start[order] + 1 + length
     received = raw[said] | raw[said + 1].astype(np.uint16) << 8
-    crc = _crc(padded, start[order] + 1, length, dialect.extras[place][order].astype(np.uint8))
+    crc = _crc(padded, start[order] + 1, length, extra[order].astype(np.uint8))
     holds = np.empty(len(chosen), dtype=np.bool_)
     holds[order] = crc == received
-    holds &= dialect.known_ids[place] == ids
+    holds &= extra >= 0
     # the longest few were left to the C function
     for k in order[: _few(length)].tolist():
         holds[k] = check(data, int(start[k]), dialect.crc_extra) is None

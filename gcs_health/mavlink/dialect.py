@@ -107,14 +107,12 @@ class Dialect:
         return {id: message.crc_extra for id, message in self.messages.items()}
 
     @cached_property
-    def known_ids(self) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """Message ids, ascending."""
-        return np.array(sorted(self.messages), dtype=np.int64)
-
-    @cached_property
-    def extras(self) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """CRC_EXTRA in the order of `known_ids`."""
-        return np.array([self.messages[i].crc_extra for i in sorted(self.messages)], dtype=np.int64)
+    def extras(self) -> np.ndarray[Any, np.dtype[np.int16]]:
+        """CRC_EXTRA by message id up to 65535, -1 for an id that is not known (none beyond is)."""
+        table = np.full(1 << 16, -1, dtype=np.int16)
+        for id, extra in self.crc_extra.items():
+            table[id] = extra
+        return table
 
     def name(self, message: int) -> str:
         """Return a message's name; "UNKNOWN_n" for an id that is not in the dialect."""

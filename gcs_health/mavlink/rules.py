@@ -197,6 +197,7 @@ def _in_si(wire: np.ndarray[Any, Any], scale: float, absent: float | None) -> np
     return value
 
 
-def _tuples(array: np.ndarray[Any, Any]) -> list[Any]:
-    """Rows of (n, k) as tuples: by column and zip, half the time of tuple() over each row."""
-    return list(zip(*[array[:, k].tolist() for k in range(array.shape[1])], strict=True))
+def _tuples(array: np.ndarray[Any, np.dtype[Any]]) -> list[Any]:
+    """Rows of (n, k) as tuples: one flat list dealt k by k, half the time of tuple() over each row."""
+    flat = iter(array.ravel().tolist())
+    return list(zip(*[flat] * array.shape[1], strict=True))
