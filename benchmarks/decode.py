@@ -13,7 +13,6 @@ import gc
 import io
 import os
 import random
-import resource
 import struct
 import subprocess
 import sys
@@ -234,22 +233,19 @@ def memory_of(path: str) -> None:
     """Decode a file to samples and print how far the peak rose above what the imports left resident."""
     from gcs_health.mavlink.tlog import open_log
 
-    before = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1024
+    Path("/proc/self/clear_refs").write_text("5")  # forget the imports' own peak
+    before = resident("VmRSS")
     frames = FrameDecoder(default_dialect(), stamped=True)
-    highest = before
     with open_log(path) as log:
-        for k, block in enumerate(log.blocks()):
+        for block in log.blocks():
             DECODER.samples(frames.feed(block))
-            if k % 50 == 0:
-                resident = (
-                    int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1024
-                )
-                highest = max(highest, resident)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(
-        f"{(highest - before) / 1024:.1f} MB resident between blocks, {(peak - before) / 1024:.1f} MB at the peak, "
-        f"imports' own peak included ({frames.counters.frames} frames)"
-    )
+    print(f"{resident('VmHWM') - before:.1f} MB ({frames.counters.frames} frames)")
+
+
+def resident(field: str) -> float:
+    """Return VmRSS (now) or VmHWM (peak) of this process [MB]. Linux alone tells."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return float(next(line.split()[1] for line in lines if line.startswith(field))) / 1024
 
 
 DECODER = MessageDecoder(default_dialect())
