@@ -53,15 +53,18 @@ class Monitor:
         self._raw: list[tuple[int, bytes]] = []
         self._effectiveness = EffectivenessConfig(mode=self.config.mode)  # type: ignore[arg-type]
 
-    def feed(self, data: bytes, receive_us: int = 0, source: str = "") -> list[Event]:
+    def feed(
+        self, data: bytes, receive_us: int = 0, source: str = "", stamped: bool | None = None
+    ) -> list[Event]:
         """Take bytes of one source; return what they cause.
 
         Parameters
         ----------
         receive_us : arrival [UNIX µs]; a .tlog brings its own.
         source : whose byte stream this is: frames never reach across sources.
+        stamped : whether this source is a .tlog; None = as the configuration says.
         """
-        return self._take(self._decoder(source).feed(data, receive_us))
+        return self._take(self._decoder(source, stamped).feed(data, receive_us))
 
     def poll(self, receive_us: int) -> list[Event]:
         """Return what time alone causes."""
@@ -90,10 +93,11 @@ class Monitor:
             counters=tuple(self._counters().items()),
         )
 
-    def _decoder(self, source: str) -> FrameDecoder:
+    def _decoder(self, source: str, stamped: bool | None) -> FrameDecoder:
         decoder = self._sources.get(source)
         if decoder is None:
-            decoder = FrameDecoder(self.dialect, stamped=self.config.stamped, keys=self.config.keys)
+            stamped = self.config.stamped if stamped is None else stamped
+            decoder = FrameDecoder(self.dialect, stamped=stamped, keys=self.config.keys)
             self._sources[source] = decoder
         return decoder
 

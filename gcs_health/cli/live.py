@@ -61,11 +61,12 @@ class Session:
         self._record_warned = False
 
     def read_files(self, files: list[Endpoint]) -> None:
-        """Feed endpoints that are files: a raw stream has no stamps and counts as received at once."""
+        """Feed endpoints that are files, as `replay` does."""
         for endpoint in files:
             with open_log(endpoint.host) as log:
                 for block in log.blocks():
-                    self._output.write(self._monitor.feed(block, 0, endpoint.text), at_once=True)
+                    events = self._monitor.feed(block, 0, endpoint.text, log.stamped)
+                    self._output.write(events, at_once=True)
 
     def listen(self, duration: float | None) -> None:
         """Take packets until `duration` [s] is over; for ever without one."""

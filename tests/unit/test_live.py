@@ -186,6 +186,14 @@ def test_a_killed_recording_loses_at_most_the_last_second(tmp_path: Path) -> Non
     assert sent[-1][0] - sent[len(kept) - 1][0] < 1.5e6
 
 
+def test_a_file_is_an_endpoint_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", f"file://{FLIGHT}", "--fail-on-alert"]) == 3
+    live = capsys.readouterr().out
+    assert "garbage" not in live
+    main(["replay", str(FLIGHT)])
+    assert live.endswith(capsys.readouterr().out)
+
+
 def test_a_recording_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     there = tmp_path / "flight.tlog"
     there.write_bytes(b"precious")
