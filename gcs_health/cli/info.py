@@ -33,5 +33,5 @@ def run(options: argparse.Namespace) -> int:
         if options.json:
             print(json.dumps({"file": name, "survey": plain(dataclasses.asdict(survey))}, allow_nan=False))
         else:
-            print(survey_text(name, survey))
+            print(survey_text(log.name, survey))
     return code
