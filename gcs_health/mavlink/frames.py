@@ -165,7 +165,7 @@ class FrameDecoder:
                 at = quick[1]
                 continue
             run = walk(data, at, RUN if many is None else 1, self._stamped)
-            good, fault = first_fault(data, run, self._extra_of, final)
+            good, fault = first_fault(data, run, self._extra_of, self._stamped, final)
             bare += [count + k for k in run.bare if k < good]
             parts.append(run.starts[:good])
             count += good

@@ -40,6 +40,7 @@ class Fault(Enum):
 
     CRC = "bad_crc"
     INCOMPAT = "unknown_incompat"
+    UNKNOWN = "unknown_id"  # and what follows is no frame: neither is this one
     UNDECIDED = "undecided"  # unknown id with nothing after it yet: not a fault, a wait
 
 
@@ -100,16 +101,27 @@ def frame_end(data: bytes, start: int) -> int:
     return start + data[start + 1] + (12 + SIGNATURE_LENGTH if data[start + 2] & SIGNED else 12)
 
 
-def first_fault(data: bytes, run: Walk, extra_of: dict[int, int], final: bool) -> tuple[int, Fault | None]:
-    """Check a run; return how many frames are good before the first that is not, and what ails it.
-
-    A frame of an unknown id has no CRC_EXTRA: it is let through if another outline follows it.
-    """
+def first_fault(
+    data: bytes, run: Walk, extra_of: dict[int, int], stamped: bool, final: bool
+) -> tuple[int, Fault | None]:
+    """Check a run; return how many frames are good before the first that is not, and what ails it."""
     for k, start in enumerate(run.starts):
         fault = check(data, start, extra_of)
-        if fault is not None and not (fault is Fault.UNDECIDED and (k + 1 < len(run.starts) or final)):
+        if fault is Fault.UNDECIDED:
+            fault = _opaque(data, run, k, stamped, final)
+        if fault is not None:
             return k, fault
     return len(run.starts), None
+
+
+def _opaque(data: bytes, run: Walk, k: int, stamped: bool, final: bool) -> Fault | None:
+    """Judge frame k of a run, whose unknown id has no CRC_EXTRA, by its neighbour: an outline must follow."""
+    if k + 1 < len(run.starts):
+        return None
+    follows = walk(data, run.next, 1, stamped) if run.stop is Stop.LIMIT else run
+    if follows.stop is Stop.GARBAGE:
+        return Fault.UNKNOWN
+    return Fault.UNDECIDED if follows.stop is Stop.INCOMPLETE and not final else None
 
 
 def check(data: bytes, start: int, extra_of: dict[int, int]) -> Fault | None:
