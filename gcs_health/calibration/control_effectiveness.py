@@ -17,6 +17,7 @@ Source: Strack van Schijndel et al. (2023) section III-C; sheet 1 section 6; she
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,6 @@ class ControlEffectiveness:
         self.roll_arm = [-rotor.position[1] / reach_y if reach_y > 0.0 else 0.0 for rotor in rotors]
         self.pitch_arm = [rotor.position[0] / reach_x if reach_x > 0.0 else 0.0 for rotor in rotors]
         self.spin = [float(rotor.spin) for rotor in rotors]
-        self.ones: NDArray[np.float64] = np.ones(self.rotors)
         self.thrust_given = given.thrust is not None
         self.given = (given.roll, given.pitch, given.yaw)
         self.has_yaw = bool(given.yaw) and all(self.spin)  # the yaw row is used
@@ -103,8 +103,6 @@ class ControlEffectiveness:
         self.pitch = [pitch * arm for arm in self.pitch_arm]
         yaw = self.given[2] if self.has_yaw and self.given[2] else 0.0
         self.yaw = [yaw * spin for spin in self.spin]
-        inertia = self.yaw_inertia if self.has_yaw else 0.0
-        self.inertia: NDArray[np.float64] = np.array([inertia * spin for spin in self.spin])
         # rows roll, pitch, yaw, a_z of every rotor: the columns of the model per squared speed
         self.matrix: NDArray[np.float64] = np.array(
             [self.roll, self.pitch, self.yaw, [-self.thrust] * self.rotors]
@@ -240,25 +238,24 @@ class MomentRegression:
         self.moments: NDArray[np.float64] = np.zeros((size, size))  # of (u_1 .. u_n, y_p, y_q)
         self.time = 0.0  # effective time of data [s]
         self._mean: NDArray[np.float64] | None = None
-        self._sum: NDArray[np.float64] = np.zeros(size)
+        self._sum = [0.0] * size
         self._length = 0.0
 
     def gap(self) -> None:
         """Ticks are missing: no block reaches across."""
-        self._sum = np.zeros(self.rotors + 2)
+        self._sum = [0.0] * (self.rotors + 2)
         self._length = 0.0
 
-    def feed(self, dt: float, squares: NDArray[np.float64], roll: float, pitch: float) -> None:
+    def feed(self, dt: float, squares: Sequence[float], roll: float, pitch: float) -> None:
         """Take one tick: mean squared speeds over it and measured accelerations [rad/s²]."""
-        total = self._sum
-        total[:-2] += dt * squares
-        total[-2] += dt * roll
-        total[-1] += dt * pitch
+        self._sum = [
+            total + dt * value for total, value in zip(self._sum, (*squares, roll, pitch), strict=True)
+        ]
         self._length += dt
         if self._length < self.prior.block:
             return
         length = self._length
-        values = total / length
+        values = np.array(self._sum) / length
         self.gap()
         if self._mean is None:
             self._mean = values

@@ -30,8 +30,7 @@ class RecommendedConfig:
     drag_scale: float = 4.0  # m/s², from one small craft
     body_rate_scale: float = 4.0  # rad/s, likewise
     motion_time: float = 0.2  # s, low pass of both, so that a fault does not blind itself
-    model_error: tuple[float, float] = (0.02, 0.5)
-    calm: float = 2.0  # sigmas; a tick within, on held speeds, waits for its rotor speeds to be judged
+    calm: float = 2.0  # sigmas; a tick within accuses nobody and need not be judged by itself
     wait: float = 0.01  # s; rotor speeds as fast as that are waited for rather than held
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
     freeze_at_most: float = 1.0  # s on end; this project

@@ -22,15 +22,7 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.residual_model import (
-    Array,
-    Residual,
-    Step,
-    calm,
-    contribution,
-    raw_residual,
-    residual,
-)
+from gcs_health.estimators.residual_model import Residual, Step, calm, evidence, residual
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import GRAVITY, Closed, FlightGate
@@ -79,7 +71,7 @@ class RecommendedBank:
         self._final_row = (-1, 0)
         self._strikes = 0
         # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
-        self._regression_late: deque[tuple[float, float, Array, float, float]] = deque()
+        self._regression_late: deque[tuple[float, float, list[float], float, float]] = deque()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
@@ -209,35 +201,48 @@ class RecommendedBank:
         return fell
 
     def _make_final(self, step: Step) -> bool:
-        speeds = self.track.at(step.tick.t - self.shift.shift)
-        left = residual(step, self._speeds, speeds, self.gains, self.config.model_error)
+        t = step.tick.t
+        speeds = self.track.at(t - self.shift.shift)
+        left = residual(step, self._speeds, speeds, self.gains)
         self._speeds = speeds
         noise = self.noise
         variances = noise.variances(0, 0.0, step.inflation)
-        self.bank.add_final(contribution(left, noise.offset, variances), -left.e[3])
-        fell = self._judge(step.tick.t, True)
+        look = self._suspects(t) or not calm(left.e, noise.offset, variances, self.config.calm)
+        self.bank.add_final(evidence(left, noise.offset, variances, self.gains.matrix), -left.e[3])
+        fell = self._judge(t, True, look)
         self._final_row = self._row
         if self.failed is None:
             fell = self._learn(step, left, variances) or fell
         return fell
 
+    def _suspects(self, t: float) -> bool:
+        """Whether a hypothesis is, or just was, half way: every tick counts then, calm or not."""
+        return t <= self._frozen_until or self._row[1] > 0
+
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
         step = self._pending[position]
-        before = self._held_speeds[position - 1] if position else self._speeds
-        e = raw_residual(step, before, self._held_speeds[position], self.gains)
+        t = step.tick.t
+        left = self._held(position)
         noise = self.noise
-        if step.tick.t > self._newest_learned:
-            self._newest_learned = step.tick.t
-            if step.tick.t > self._frozen_until and self.failed is None:
-                noise.learn_aged(position + 1, e, step.dt, self.gate.since_open, step.inflation)
-        suspected = step.tick.t <= self._frozen_until or self._in_bank == position > 0
-        if not suspected and calm(e, noise.offset, self._variances(position), self.config.calm):
+        if t > self._newest_learned:
+            self._newest_learned = t
+            if t > self._frozen_until and self.failed is None:
+                noise.learn_aged(position + 1, left.e, step.dt, self.gate.since_open, step.inflation)
+        suspected = t <= self._frozen_until or self._in_bank == position > 0
+        if not suspected and calm(left.e, noise.offset, self._variances(position), self.config.calm):
             return False
         for waited in range(self._in_bank, position + 1):
-            self._add_provisional(waited)
+            left = self._held(waited)
+            tick = evidence(left, noise.offset, self._variances(waited), self.gains.matrix)
+            self.bank.add_provisional(tick, -left.e[3])
         self._in_bank = position + 1
-        return self._judge(step.tick.t, False)
+        return self._judge(t, False)
+
+    def _held(self, position: int) -> Residual:
+        """Return the residual of a pending tick, with the last rotor speeds held."""
+        before = self._held_speeds[position - 1] if position else self._speeds
+        return residual(self._pending[position], before, self._held_speeds[position], self.gains)
 
     def _variances(self, position: int) -> list[float]:
         """Return the variances of a pending tick: its rotor speeds are held, and so the older the worse."""
@@ -245,21 +250,15 @@ class RecommendedBank:
         late = max(0.0, step.tick.t - self.track.covered - self.shift.shift)
         return self.noise.variances(position + 1, late, step.inflation)
 
-    def _add_provisional(self, position: int) -> None:
-        """Put a pending tick into the bank, with the last rotor speeds held."""
-        step = self._pending[position]
-        before = self._held_speeds[position - 1] if position else self._speeds
-        left = residual(step, before, self._held_speeds[position], self.gains, self.config.model_error)
-        column = contribution(left, self.noise.offset, self._variances(position))
-        self.bank.add_provisional(column, -left.e[3])
-
-    def _judge(self, t: float, final: bool) -> bool:
-        """Judge the bank as it stands; return whether a verdict fell."""
+    def _judge(self, t: float, final: bool, look: bool = True) -> bool:
+        """Judge the bank as it stands, if it is worth a `look`; return whether a verdict fell."""
         if self.failed is not None:
             self._refine(t)
             return False
         c = self.config
-        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        verdict = NOTHING
+        if look:
+            verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze(t)
         elif t > self._frozen_until:
@@ -316,11 +315,11 @@ class RecommendedBank:
         tick, before, dt, inflation = step
         if tick.t > self._frozen_until:
             self.noise.learn(left.e, dt, self.gate.since_open, inflation)
-        self.slow.feed(dt, left.e, left.h, variances)
+        self.slow.feed(dt, left, variances, self.gains.matrix)
         roll = (tick.p - before.p) / dt
         pitch = (tick.q - before.q) / dt
         late = self._regression_late
-        late.append((tick.t, dt, left.squares, roll, pitch))
+        late.append((tick.t, dt, left.mean, roll, pitch))
         while tick.t - late[0][0] > c.geometry.delay:
             self.regression.feed(*late.popleft()[1:])
         predicted = (roll - left.e[0], pitch - left.e[1])

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_health.estimators.residual_model import Evidence, contributions
 from gcs_health.gate import GRAVITY
 
 Array = NDArray[np.float64]
@@ -43,6 +44,7 @@ class BankConfig:
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
     knock: float = 0.8 * GRAVITY  # m/s², largest upward excess of one tick in it
+    model_error: tuple[float, float] = (0.02, 0.5)  # share of a rotor's part, and per relative change of u
 
 
 class Verdict(NamedTuple):
@@ -63,7 +65,11 @@ NOTHING = Verdict(-1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
 
 
 class FaultBank:
-    """Window sums of final ticks and, on top, of ticks whose rotor speeds are still provisional."""
+    """The last ticks: final ones and, on top, those whose rotor speeds are still provisional.
+
+    What a tick contributes is worked out only when somebody asks, over all that wait at once; most
+    ticks of a healthy flight are never asked about.
+    """
 
     def __init__(self, rotors: int, rows: int, config: BankConfig) -> None:
         self.config = config
@@ -72,40 +78,47 @@ class FaultBank:
         # so many sigmas that the largest of L ticks of noise exceeds them once in twenty windows
         chance = [1.0 - 0.95 ** (1.0 / length) for length in range(1, config.max_ticks + 1)]
         self._knock_sigmas = [math.inf, *[NormalDist().inv_cdf(1.0 - p) for p in chance]]
+        self._table: Array = np.zeros((4 * config.max_ticks, 2 * rotors + 1))  # one row a tick, newest last
         self.clear()
 
     def clear(self) -> None:
         """Forget every tick: no window reaches across a closed gate."""
-        shape = (self.config.max_ticks, 2 * self.rotors + 1)
-        self._final: Array = np.zeros(shape)
-        self._now: Array = np.zeros(shape)
+        self._end = self._final_end = 0  # rows of the table in use, and how many of them are final
+        self._waiting: list[Evidence] = []  # not yet in the table, final ones first
+        self._waiting_final = 0
         self._excess: list[float] = []  # upward excess of each tick [m/s²], as many as `ticks`
         self._provisional = 0
         self.final_ticks = 0
-        self.ticks = 0
 
-    def add_final(self, contribution: Array, excess: float) -> None:
-        """Add one tick that will not change: [n_1..n_n, d_1..d_n, q] and its upward excess [m/s²].
+    @property
+    def ticks(self) -> int:
+        """Ticks that can be judged."""
+        return min(self.final_ticks + self._provisional, self.config.max_ticks)
+
+    def add_final(self, tick: Evidence, excess: float) -> None:
+        """Add one tick that will not change, and its upward excess [m/s²].
 
         Call `drop_provisional` before the first.
         """
-        self._push(self._final, contribution)
-        self._now[:] = self._final
-        self.final_ticks = self.ticks = min(self.final_ticks + 1, self.config.max_ticks)
+        waiting = self._waiting
+        waiting.append(tick)
+        if len(waiting) > self.config.max_ticks:
+            del waiting[0]
+        self._waiting_final = len(waiting)
+        self.final_ticks = min(self.final_ticks + 1, self.config.max_ticks)
         self._remember(excess)
 
     def drop_provisional(self) -> None:
         """Go back to the final ticks."""
         if self._provisional:
-            self._now[:] = self._final
-            self.ticks = self.final_ticks
+            del self._waiting[self._waiting_final :]
+            self._end = self._final_end
             del self._excess[-self._provisional :]
             self._provisional = 0
 
-    def add_provisional(self, contribution: Array, excess: float) -> None:
+    def add_provisional(self, tick: Evidence, excess: float) -> None:
         """Add one tick whose rotor speeds may still change."""
-        self._push(self._now, contribution)
-        self.ticks = min(self.ticks + 1, self.config.max_ticks)
+        self._waiting.append(tick)
         self._provisional += 1
         self._remember(excess)
 
@@ -114,11 +127,33 @@ class FaultBank:
         if len(self._excess) > 4 * self.config.max_ticks:
             del self._excess[: 2 * self.config.max_ticks]
 
-    @staticmethod
-    def _push(sums: Array, contribution: Array) -> None:
-        sums[1:] = sums[:-1]
-        sums[0] = 0.0
-        sums += contribution
+    def _longest(self, tick_length: float) -> int:
+        """Return how many ticks the longest window has now; 0 = too few for any."""
+        c = self.config
+        ticks = self.ticks
+        return min(ticks, max(c.min_ticks, round(c.window / tick_length))) if ticks >= c.min_ticks else 0
+
+    def _sums(self, last: int) -> Array:
+        """Return [N_1 .. N_n, D_1 .. D_n, Q] over the last 1, 2 .. `last` ticks, a row each."""
+        if self._waiting:
+            self._fill()
+        newest_first = self._table[self._end - last : self._end][::-1]
+        sums: Array = newest_first.cumsum(axis=0)
+        return sums
+
+    def _fill(self) -> None:
+        """Work out what waits."""
+        rows = contributions(self._waiting, self.config.model_error)
+        if self._end + len(rows) > len(self._table):
+            kept = self._table[max(0, self._final_end - self.config.max_ticks) : self._end].copy()
+            self._final_end -= self._end - len(kept)
+            self._end = len(kept)
+            self._table[: self._end] = kept
+        self._table[self._end : self._end + len(rows)] = rows
+        self._end += len(rows)
+        self._final_end += self._waiting_final
+        self._waiting.clear()
+        self._waiting_final = 0
 
     def judge(self, tick_length: float, floor: float, excess_sigma: float) -> Verdict:
         """Return the best hypothesis over every rotor and window.
@@ -130,13 +165,14 @@ class FaultBank:
         floor : log likelihood ratio below which nobody wants to know; saves most of the work.
         """
         c = self.config
-        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
+        last = self._longest(tick_length)
         first = c.min_ticks - 1
-        if last <= first:
+        if not last:
             return NOTHING
         n = self.rotors
-        N = self._now[first:last, :n]
-        D = self._now[first:last, n : 2 * n]
+        sums = self._sums(last)[first:]
+        N = sums[:, :n]
+        D = sums[:, n : 2 * n]
         # LLR <= N² / 2D whatever the clip
         if not ((N > 0.0) & ((2.0 * floor) * D < N * N)).any():
             return NOTHING
@@ -152,7 +188,7 @@ class FaultBank:
                 second = best[i]
         row = int(llr[:, rotor].argmax())
         ticks = row + first + 1
-        q = float(self._now[first + row, 2 * n])
+        q = float(sums[row, 2 * n])
         loss = float(free[row, rotor])
         share = 2.0 * top / q if q > 0.0 else 0.0
         chi2 = (q - 2.0 * top) / max(self.rows * ticks - 1, 1)
@@ -180,23 +216,22 @@ class FaultBank:
     def likelihoods(self, tick_length: float) -> list[float]:
         """Return the largest log likelihood ratio of each rotor over all windows, never below 0."""
         c = self.config
-        if self.ticks < c.min_ticks:
+        last = self._longest(tick_length)
+        if not last:
             return [0.0] * self.rotors
-        last = min(self.ticks, max(c.min_ticks, round(c.window / tick_length)))
-        N = self._now[c.min_ticks - 1 : last, : self.rotors]
-        D = self._now[c.min_ticks - 1 : last, self.rotors : 2 * self.rotors]
+        sums = self._sums(last)[c.min_ticks - 1 :]
+        N = sums[:, : self.rotors]
+        D = sums[:, self.rotors : 2 * self.rotors]
         theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)
         best: list[float] = np.maximum(theta * (N - 0.5 * theta * D), 0.0).max(axis=0).tolist()
         return best
 
     def information(self, tick_length: float) -> list[float]:
         """Return D of each rotor over the longest window: 1/D is the variance of its theta."""
-        if not self.ticks:
+        last = self._longest(tick_length)
+        if not last:
             return [0.0] * self.rotors
-        last = min(self.ticks, max(self.config.min_ticks, round(self.config.window / tick_length)))
-        if last < self.config.min_ticks:
-            return [0.0] * self.rotors
-        out: list[float] = self._now[last - 1, self.rotors : 2 * self.rotors].tolist()
+        out: list[float] = self._sums(last)[-1, self.rotors : 2 * self.rotors].tolist()
         return out
 
     def detectable(self, information: float) -> float:

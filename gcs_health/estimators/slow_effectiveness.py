@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gcs_health.calibration.residual_noise import ROWS
 from gcs_health.estimators import kalman
+from gcs_health.estimators.residual_model import Residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,20 +57,31 @@ class SlowEffectiveness:
         self._ticks = 0
         self._e = [0.0] * ROWS
         self._variance = [0.0] * ROWS
-        self._h: NDArray[np.float64] = np.zeros((ROWS, self.rotors))
+        self._mean: list[list[float]] = []  # mean and last squared speeds of every tick
+        self._last: list[list[float]] = []
 
-    def feed(self, dt: float, e: list[float], h: NDArray[np.float64], variances: list[float]) -> None:
-        """Take one final tick: raw residual (4), columns (4, n), variances (4)."""
+    def feed(self, dt: float, left: Residual, variances: list[float], matrix: NDArray[np.float64]) -> None:
+        """Take one final tick: its residual, variances (4) and the gains G (4, n)."""
         self._length += dt
         self._ticks += 1
+        e = left.e
         for row in range(ROWS):
             self._e[row] += e[row]
             self._variance[row] += variances[row]
-        self._h += h
+        self._mean.append(left.mean)
+        self._last.append(left.w1)
         if self._length >= self.config.block:
-            self._update()
+            self._update(matrix)
 
-    def _update(self) -> None:
+    def _columns(self, matrix: NDArray[np.float64]) -> list[list[float]]:
+        """Return the sums of h over the block, a list of n for each row."""
+        last = np.array(self._last)
+        columns = matrix * np.array(self._mean).sum(axis=0)
+        columns[3] = matrix[3] * (last * last).sum(axis=0)
+        out: list[list[float]] = columns.tolist()
+        return out
+
+    def _update(self, matrix: NDArray[np.float64]) -> None:
         c = self.config
         length, share = self._length, 1.0 / self._ticks
         self.time += length
@@ -81,7 +93,7 @@ class SlowEffectiveness:
         for i in range(n):
             P[i][i] += added
         gain = min(1.0, length / min(c.offset_memory, max(self.time, 0.5)))
-        columns = self._h.tolist()
+        columns = self._columns(matrix)
         for row in range(ROWS):
             column = columns[row]
             if not any(column):
