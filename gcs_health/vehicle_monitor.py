@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 from gcs_health.airframe import Airframe, AirframeSource
@@ -224,7 +223,7 @@ class VehicleMonitor:
             self._timed = self.clock.settled or sample.receive_us - self._first_us > CLOCK_WAIT_US
             if not self._timed:
                 return []
-            self._pending = [replace(event, t=self.last_t) for event in self._pending]
+            self._pending = [event._replace(t=self.last_t) for event in self._pending]
         events, self._pending = self._pending, []
         return events if self.is_vehicle else []
 

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from gcs_health.airframe import Airframe
 from gcs_health.gate import GRAVITY
 
+LONGEST_WAIT = 64  # blocks worked off at once
+
 
 @dataclass(frozen=True, slots=True)
 class EffectivenessPrior:
@@ -235,11 +237,11 @@ class MomentRegression:
         self.prior = prior or EffectivenessPrior()
         self.rotors = rotors
         size = rotors + 2
-        self.moments: NDArray[np.float64] = np.zeros((size, size))  # of (u_1 .. u_n, y_p, y_q)
         self.time = 0.0  # effective time of data [s]
-        self._mean: NDArray[np.float64] | None = None
-        self._sum = [0.0] * size
-        self._length = 0.0
+        self._moments: NDArray[np.float64] = np.zeros((size, size))
+        self._waiting: list[tuple[list[float], float]] = []  # blocks not yet in it, and their lengths [s]
+        self._mean: list[float] | None = None
+        self.gap()
 
     def gap(self) -> None:
         """Ticks are missing: no block reaches across."""
@@ -248,24 +250,39 @@ class MomentRegression:
 
     def feed(self, dt: float, squares: Sequence[float], roll: float, pitch: float) -> None:
         """Take one tick: mean squared speeds over it and measured accelerations [rad/s²]."""
-        self._sum = [
-            total + dt * value for total, value in zip(self._sum, (*squares, roll, pitch), strict=True)
-        ]
+        tick = (*squares, roll, pitch)
+        self._sum = [total + dt * value for total, value in zip(self._sum, tick, strict=True)]
         self._length += dt
         if self._length < self.prior.block:
             return
         length = self._length
-        values = np.array(self._sum) / length
+        values = [total / length for total in self._sum]
         self.gap()
         if self._mean is None:
             self._mean = values
             return
-        self._mean += min(1.0, length / self.prior.high_pass) * (values - self._mean)
-        values -= self._mean
-        keep = math.exp(-length / self.prior.memory)
-        self.moments *= keep
-        self.moments += values[:, None] * (values * length)
-        self.time = keep * self.time + length
+        gain = min(1.0, length / self.prior.high_pass)
+        self._mean = [mean + gain * (value - mean) for mean, value in zip(self._mean, values, strict=True)]
+        self._waiting.append(([v - m for v, m in zip(values, self._mean, strict=True)], length))
+        self.time = math.exp(-length / self.prior.memory) * self.time + length
+        if len(self._waiting) >= LONGEST_WAIT:
+            self._work_off()
+
+    @property
+    def moments(self) -> NDArray[np.float64]:
+        """Second moments of (u_1 .. u_n, y_p, y_q), weighted by time and age (n + 2, n + 2)."""
+        if self._waiting:
+            self._work_off()
+        return self._moments
+
+    def _work_off(self) -> None:
+        values = np.array([value for value, _ in self._waiting])
+        lengths = np.array([length for _, length in self._waiting])
+        after = lengths[::-1].cumsum()[::-1]  # from the beginning of each block to now
+        kept = np.exp((lengths - after) / self.prior.memory)
+        self._moments = math.exp(-float(after[0]) / self.prior.memory) * self._moments
+        self._moments += values.T @ (values * (lengths * kept)[:, None])
+        self._waiting.clear()
 
     def axis(self, row: int, gains: list[float]) -> tuple[float, float]:
         """Return (slope, R²) of measured on predicted acceleration; row 0 roll, 1 pitch."""

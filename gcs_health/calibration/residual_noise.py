@@ -136,9 +136,12 @@ class ResidualNoise:
         for row in range(ROWS):
             mean_square = sums[row] * sums[row] / length * share
             limit = 12.0 * length * variance[row]
-            self._sum_variance[row] += gain * (min(mean_square, limit) - self._sum_variance[row])
-            ratio = self._sum_variance[row] / variance[row]
-            self.coherence[row] = min(max(ratio, 1.0), float(length))
+            if mean_square > limit:
+                mean_square = limit
+            now = self._sum_variance[row]
+            self._sum_variance[row] = now = now + gain * (mean_square - now)
+            ratio = now / variance[row]
+            self.coherence[row] = 1.0 if ratio < 1.0 else (ratio if ratio < length else float(length))
 
     def variances(self, age: int, age_time: float, inflation: float) -> list[float]:
         """Return the variance of each row [(rad/s²)², (m/s²)²] for a tick of this age.
@@ -150,10 +153,6 @@ class ResidualNoise:
         base = self.variance[0]
         coherence = self.coherence
         if age <= 0:
-            return [base[row] * coherence[row] * growth for row in range(ROWS)]
-        out = []
-        ages = self.variance[: min(age, MAX_AGE) + 1]
-        for row in range(ROWS):
-            largest = max([bucket[row] for bucket in ages])
-            out.append(largest * coherence[row] * growth)
-        return out
+            return [value * kept * growth for value, kept in zip(base, coherence, strict=True)]
+        largest = map(max, *self.variance[: min(age, MAX_AGE) + 1])
+        return [value * kept * growth for value, kept in zip(largest, coherence, strict=True)]

@@ -15,7 +15,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,7 @@ class TimeShift:
         lags = self._ahead + behind + 1
         self._x: deque[tuple[float, float]] = deque(maxlen=lags)
         self._y: deque[tuple[float, float]] = deque(maxlen=self._ahead + 1)
-        self._sxy: NDArray[np.float64] = np.zeros((lags, 2))
+        self._sxy = [[0.0] * lags, [0.0] * lags]
         self._sxx = [0.0, 0.0]
         self._syy = [0.0, 0.0]
         self._seen = 0.0
@@ -79,9 +78,11 @@ class TimeShift:
             return self._verdict() if self._since_verdict >= c.every else False
         keep = math.exp(-3.0 * dt / c.memory)
         past = self._y[0]  # x of this tick has `ahead` later ones in the buffer
-        window = np.array(self._x)
-        self._sxy *= keep
-        self._sxy += window * np.array(past)
+        window = zip(*self._x, strict=True)
+        self._sxy = [
+            [keep * total + x * y for total, x in zip(sums, row, strict=True)]
+            for sums, row, y in zip(self._sxy, window, past, strict=True)
+        ]
         middle = self._x[len(self._x) - 1 - self._ahead]
         for axis in range(2):
             self._sxx[axis] = keep * self._sxx[axis] + middle[axis] * middle[axis]
@@ -93,7 +94,7 @@ class TimeShift:
         self._since_verdict = 0.0
         if self._seen < c.settle or min(self._sxx) <= 0.0 or min(self._syy) <= 0.0:
             return False
-        share = np.maximum(self._sxy, 0.0) ** 2 / (np.array(self._sxx) * np.array(self._syy))
+        share = np.maximum(np.array(self._sxy).T, 0.0) ** 2 / (np.array(self._sxx) * np.array(self._syy))
         r2 = share.mean(axis=1)[::-1]  # index 0 = the latest x: lag -ahead
         best = int(r2.argmax())
         self.r2 = float(r2[best])

@@ -5,9 +5,8 @@ I/O, reads no clock, holds plain values only (so that it pickles), and never rai
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from gcs_health.samples import Reading
 
@@ -73,8 +72,7 @@ REASON_TEXT: dict[Reason, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """One quantity of one rotor at one time.
 
     Attributes

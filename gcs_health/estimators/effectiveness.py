@@ -128,8 +128,8 @@ class EffectivenessEstimator:
         failed = self._failed()
         if isinstance(self._core, PaperFilter):
             return [self._paper_estimate(self._core, t, i, common) for i in range(len(self._speeds))]
-        probabilities = self._probabilities(self._core)
-        information = self._core.bank.information(self._core.tick_length)
+        likelihoods, information = self._core.bank.standing(self._core.tick_length)
+        probabilities = self._probabilities(self._core, likelihoods)
         out = []
         for i in range(len(self._speeds)):
             if failed is not None:
@@ -230,10 +230,10 @@ class EffectivenessEstimator:
     def _contradicted(self) -> bool:
         return isinstance(self._core, RecommendedBank) and self._core.contradicted
 
-    def _probabilities(self, core: RecommendedBank) -> list[float]:
+    def _probabilities(self, core: RecommendedBank, likelihoods: list[float]) -> list[float]:
         """Posterior of each single fault: the threshold LLR alone gives .9, less never more than .89."""
         threshold = core.config.bank.llr - math.log(9.0)
-        weights = [math.exp(min(llr - threshold, 700.0)) for llr in core.bank.likelihoods(core.tick_length)]
+        weights = [math.exp(min(llr - threshold, 700.0)) for llr in likelihoods]
         total = 1.0 + sum(weights)
         return [min(weight / total, UNDECIDED) for weight in weights]
 

@@ -139,8 +139,11 @@ class RecommendedBank:
         self._count_time(min(dt, 0.1), age, squares, is_open)
         gain = min(1.0, dt / c.motion_time)
         motion = self._motion
-        for k, value in enumerate((tick.ax, tick.ay, tick.p, tick.q, tick.r)):
-            motion[k] += gain * (value - motion[k])
+        motion[0] += gain * (tick.ax - motion[0])
+        motion[1] += gain * (tick.ay - motion[1])
+        motion[2] += gain * (tick.p - motion[2])
+        motion[3] += gain * (tick.q - motion[3])
+        motion[4] += gain * (tick.r - motion[4])
         if not is_open or not was_open:
             self._start_over(speeds, opened=is_open)
             return False
@@ -325,8 +328,10 @@ class RecommendedBank:
         predicted = (roll - left.e[0], pitch - left.e[1])
         mean = self._x_mean
         gain = min(1.0, dt / c.prior.high_pass)
-        for k, value in enumerate((*predicted, roll, pitch)):
-            mean[k] += gain * (value - mean[k])
+        mean[0] += gain * (predicted[0] - mean[0])
+        mean[1] += gain * (predicted[1] - mean[1])
+        mean[2] += gain * (roll - mean[2])
+        mean[3] += gain * (pitch - mean[3])
         x = (predicted[0] - mean[0], predicted[1] - mean[1])
         if self.track.interval < c.shift_rotor_speeds and self.tick_length < c.shift_rotor_speeds:
             moved = self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))

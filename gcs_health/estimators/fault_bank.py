@@ -213,26 +213,23 @@ class FaultBank:
             return False
         return max(excess) <= max(self.config.knock, self._knock_sigmas[ticks] * sigma)
 
-    def likelihoods(self, tick_length: float) -> list[float]:
-        """Return the largest log likelihood ratio of each rotor over all windows, never below 0."""
+    def standing(self, tick_length: float) -> tuple[list[float], list[float]]:
+        """Return of each rotor the largest log likelihood ratio of all windows, never below 0, and D.
+
+        D is that of the longest window: 1/D is the variance of its theta.
+        """
         c = self.config
+        n = self.rotors
         last = self._longest(tick_length)
         if not last:
-            return [0.0] * self.rotors
+            return [0.0] * n, [0.0] * n
         sums = self._sums(last)[c.min_ticks - 1 :]
-        N = sums[:, : self.rotors]
-        D = sums[:, self.rotors : 2 * self.rotors]
+        N = sums[:, :n]
+        D = sums[:, n : 2 * n]
         theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)
         best: list[float] = np.maximum(theta * (N - 0.5 * theta * D), 0.0).max(axis=0).tolist()
-        return best
-
-    def information(self, tick_length: float) -> list[float]:
-        """Return D of each rotor over the longest window: 1/D is the variance of its theta."""
-        last = self._longest(tick_length)
-        if not last:
-            return [0.0] * self.rotors
-        out: list[float] = self._sums(last)[-1, self.rotors : 2 * self.rotors].tolist()
-        return out
+        information: list[float] = D[-1].tolist()
+        return best, information
 
     def detectable(self, information: float) -> float:
         """Return the smallest loss [-] that would pass `llr` over a window of this information; NaN = none.

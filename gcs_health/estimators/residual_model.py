@@ -94,8 +94,10 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
-    columns = list(zip(*ticks, strict=True))
-    r, variances, w0, w1, matrix = (np.array(column) for column in columns)
+    *vectors, matrices = zip(*ticks, strict=True)
+    r, variances, w0, w1 = (np.array(vector) for vector in vectors)
+    # gains change seldom: mostly all ticks have the same
+    matrix = np.array(matrices[:1] if all(one is matrices[0] for one in matrices) else matrices)
     n = w0.shape[1]
     u0, u1 = w0 * w0, w1 * w1
     mean = (u0 + u1 + w0 * w1) / 3.0

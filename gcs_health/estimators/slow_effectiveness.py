@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.calibration.residual_noise import ROWS
-from gcs_health.estimators import kalman
 from gcs_health.estimators.residual_model import Residual
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,80 +41,70 @@ class SlowEffectiveness:
     def __init__(self, rotors: int, config: SlowConfig) -> None:
         self.config = config
         self.rotors = rotors
+        self._diagonal = np.diag_indices(rotors)
         self.restart()
 
     def restart(self) -> None:
         """Forget the losses and the offset: the gate opened."""
         n = self.rotors
-        variance = self.config.prior**2
-        self.x = [0.0] * n
-        self.P = [[variance if i == j else 0.0 for j in range(n)] for i in range(n)]
+        self.x: Array = np.zeros(n)
+        self.P: Array = self.config.prior**2 * np.eye(n)
         self.offset = [0.0] * ROWS
         self.time = 0.0  # s since the restart
         self._clear_block()
 
     def _clear_block(self) -> None:
         self._length = 0.0
-        self._ticks = 0
-        self._e = [0.0] * ROWS
-        self._variance = [0.0] * ROWS
-        self._mean: list[list[float]] = []  # mean and last squared speeds of every tick
-        self._last: list[list[float]] = []
+        self._ticks: list[tuple[Residual, list[float]]] = []  # of the block, with their variances
 
-    def feed(self, dt: float, left: Residual, variances: list[float], matrix: NDArray[np.float64]) -> None:
+    def feed(self, dt: float, left: Residual, variances: list[float], matrix: Array) -> None:
         """Take one final tick: its residual, variances (4) and the gains G (4, n)."""
         self._length += dt
-        self._ticks += 1
-        e = left.e
-        for row in range(ROWS):
-            self._e[row] += e[row]
-            self._variance[row] += variances[row]
-        self._mean.append(left.mean)
-        self._last.append(left.w1)
+        self._ticks.append((left, variances))
         if self._length >= self.config.block:
             self._update(matrix)
 
-    def _columns(self, matrix: NDArray[np.float64]) -> list[list[float]]:
-        """Return the sums of h over the block, a list of n for each row."""
-        last = np.array(self._last)
-        columns = matrix * np.array(self._mean).sum(axis=0)
-        columns[3] = matrix[3] * (last * last).sum(axis=0)
-        out: list[list[float]] = columns.tolist()
-        return out
+    def _means(self, matrix: Array) -> tuple[list[float], list[float], Array]:
+        """Return of the block the mean residual, the variance of a tick's and the mean columns h (4, n)."""
+        share = 1.0 / len(self._ticks)
+        lefts = [left for left, _ in self._ticks]
+        e = [share * sum(row) for row in zip(*[left.e for left in lefts], strict=True)]
+        variance = [share * sum(row) for row in zip(*[row for _, row in self._ticks], strict=True)]
+        last = np.array([left.w1 for left in lefts])
+        h: Array = matrix * (share * np.array([left.mean for left in lefts]).sum(axis=0))
+        h[3] = matrix[3] * (share * (last * last).sum(axis=0))
+        return e, variance, h
 
-    def _update(self, matrix: NDArray[np.float64]) -> None:
+    def _update(self, matrix: Array) -> None:
         c = self.config
-        length, share = self._length, 1.0 / self._ticks
+        length = self._length
         self.time += length
-        n = self.rotors
         keep = math.exp(-length / c.memory)
-        added = (1.0 - keep * keep) * c.prior**2
-        x = [keep * value for value in self.x]
-        P = [[keep * keep * value for value in row] for row in self.P]
-        for i in range(n):
-            P[i][i] += added
+        x = keep * self.x
+        P = keep * keep * self.P
+        P[self._diagonal] += (1.0 - keep * keep) * c.prior**2
         gain = min(1.0, length / min(c.offset_memory, max(self.time, 0.5)))
-        columns = self._columns(matrix)
+        e, variance, columns = self._means(matrix)
         for row in range(ROWS):
-            column = columns[row]
-            if not any(column):
+            h = -columns[row]
+            if not h.any():
                 continue
-            noise = self._variance[row] * share * share * c.correlated
-            value = self._e[row] * share
+            noise = variance[row] / len(self._ticks) * c.correlated
+            value = e[row]
             limit = c.clip * math.sqrt(noise)
-            h = [-entry * share for entry in column]
-            z = value - self.offset[row]
-            expected = sum([h[i] * x[i] for i in range(n)])
-            z = expected + min(max(z - expected, -limit), limit)
-            x, P, _, _ = kalman.update_scalar(x, P, z, h, noise)
+            innovation = min(max(value - self.offset[row] - float(h.dot(x)), -limit), limit)
+            Ph = P.dot(h)
+            K = Ph / (float(h.dot(Ph)) + noise)
+            x += K * innovation
+            P -= K[:, None] * Ph
             self.offset[row] += gain * min(max(value - self.offset[row], -limit), limit)
-        self.x, self.P = x, P
+        self.x, self.P = x, 0.5 * (P + P.T)
         self._clear_block()
 
     def effectiveness(self, rotor: int) -> float:
         """Return k = 1 - loss, within 0 .. 1.5 [-]."""
-        return min(max(1.0 - self.x[rotor], 0.0), 1.5)
+        return min(max(1.0 - float(self.x[rotor]), 0.0), 1.5)
 
     def std(self, rotor: int) -> float:
         """Return its standard deviation [-]."""
-        return math.sqrt(max(self.P[rotor][rotor], 0.0))
+        return math.sqrt(max(float(self.P[rotor, rotor]), 0.0))

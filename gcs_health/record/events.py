@@ -7,7 +7,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 SCHEMA = "gcs_health.events/1"
 
@@ -15,8 +15,7 @@ Scalar = str | int | float | bool | None
 Value = Scalar | tuple["Value", ...] | dict[str, "Value"]
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleEvent:
+class VehicleEvent(NamedTuple):
     """What is known of a vehicle; said when first seen and whenever it changes.
 
     Attributes
@@ -38,8 +37,7 @@ class VehicleEvent:
     airframe: dict[str, Value] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class EstimateEvent:
+class EstimateEvent(NamedTuple):
     """One estimate of one rotor; `rotor` is its 0-based ESC index, `motor` the autopilot's number."""
 
     t: float
@@ -57,8 +55,7 @@ class EstimateEvent:
     detectable: float
 
 
-@dataclass(frozen=True, slots=True)
-class AlertEvent:
+class AlertEvent(NamedTuple):
     """One step of an alert: `state` is raised, updated or cleared; `severity` is a MAV_SEVERITY."""
 
     t: float
@@ -75,8 +72,7 @@ class AlertEvent:
     evidence: dict[str, Value]
 
 
-@dataclass(frozen=True, slots=True)
-class SummaryEvent:
+class SummaryEvent(NamedTuple):
     """One vehicle at the end of the input.
 
     Attributes
@@ -111,7 +107,6 @@ _TYPE = {
 }
 # made once: json.dumps makes a new encoder for every call that departs from its defaults
 _encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
-_FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in _TYPE}
 
 
 def to_json(event: Event, first: bool = False) -> str:
@@ -123,8 +118,8 @@ def to_json(event: Event, first: bool = False) -> str:
     kind = type(event)
     line: dict[str, object] = {"schema": SCHEMA} if first else {}
     line["type"] = _TYPE[kind]
-    for name in _FIELDS[kind]:
-        line[name] = plain(getattr(event, name))
+    for name, value in zip(kind._fields, event, strict=True):
+        line[name] = value if type(value) is str or type(value) is int else plain(value)
     return _encode(line)
 
 
