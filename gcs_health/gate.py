@@ -14,6 +14,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
+from operator import mul
 
 GRAVITY = 9.80665  # m/s²
 
@@ -77,6 +78,7 @@ class FlightGate:
         self._clear_since = math.nan
         self._opened_at = math.nan
         self._low_since = [math.nan] * rotors
+        self._turning = False  # no rotor was slow at the last tick
         self._recent: deque[tuple[float, float, float]] = deque()  # t, mean speed, e
         self._contact_at = -math.inf
         self._taught = 0.0
@@ -104,13 +106,8 @@ class FlightGate:
         blocked : a reason of the caller's to keep it closed.
         """
         c = self.config
-        total = 0.0
-        squares = 0.0
-        for speed in speeds:
-            total += speed
-            squares += speed * speed
-        mean = total / self.rotors
-        excess = -az - thrust * squares
+        mean = sum(speeds) / self.rotors
+        excess = -az - thrust * sum(map(mul, speeds, speeds))
         hover = math.sqrt(GRAVITY / (self.rotors * thrust)) if thrust > 0.0 else math.inf
         recent = self._recent
         recent.append((t, mean, excess))
@@ -153,15 +150,10 @@ class FlightGate:
         c = self.config
         low = 0
         limit = c.low_rotor * hover
-        for i in range(self.rotors):
-            if speeds[i] < limit:
-                since = self._low_since[i]
-                if since != since:
-                    self._low_since[i] = since = t
-                if t - since >= c.low_rotor_time:
-                    low += 1
-            else:
-                self._low_since[i] = math.nan
+        turning = min(speeds) >= limit
+        if not (turning and self._turning):  # by far the most ticks have no slow rotor
+            low = self._slow_rotors(t, speeds, limit)
+        self._turning = turning
         mean = 0.0
         for entry in recent:
             mean += entry[1]
@@ -169,6 +161,20 @@ class FlightGate:
         if low >= 2 or mean < c.low_mean * hover:
             return Closed.ON_GROUND if mean < 0.1 * hover else Closed.ROTORS_BELOW_HOVER
         return None
+
+    def _slow_rotors(self, t: float, speeds: list[float], limit: float) -> int:
+        """Return how many rotors have been slower than the limit [rad/s] for long."""
+        low = 0
+        for i in range(self.rotors):
+            if speeds[i] < limit:
+                since = self._low_since[i]
+                if since != since:
+                    self._low_since[i] = since = t
+                if t - since >= self.config.low_rotor_time:
+                    low += 1
+            else:
+                self._low_since[i] = math.nan
+        return low
 
     def _pushed(self, t: float, recent: deque[tuple[float, float, float]]) -> Closed | None:
         c = self.config

@@ -45,6 +45,7 @@ class EffectivenessPrior:
     high_pass: float = 1.0  # s
     block: float = 0.02  # s, averaging before the regression
     least_r2: float = 0.1
+    level_block: float = 0.03  # s, averaging before the level
     level_memory: float = 20.0  # s
     level_settle: float = 1.0  # s
 
@@ -71,6 +72,7 @@ class ControlEffectiveness:
         self._scale = [1.0, 1.0]  # learned over prior, roll and pitch
         self._airborne = False
         self._level = Level(self.prior)
+        self._gathered = self._az = self._squares = 0.0  # s, and a_z and sum u times s
         self._apply()
 
     @property
@@ -118,7 +120,16 @@ class ControlEffectiveness:
         """Take one tick of a_z [m/s²] and sum u [(rad/s)²]; any tick, the level sorts them out."""
         if self.thrust_given:
             return
-        if self._level.feed(dt, az, squares, self._airborne):
+        dt = min(dt, 0.1)
+        self._gathered += dt
+        self._az += dt * az
+        self._squares += dt * squares
+        length = self._gathered
+        if length < self.prior.level_block:
+            return
+        az, squares = self._az / length, self._squares / length
+        self._gathered = self._az = self._squares = 0.0
+        if self._level.feed(length, az, squares, self._airborne):
             learned = self._level.thrust
             if abs(learned - self.thrust) > 1e-3 * self.thrust or learned == 0.0:
                 self.thrust = learned
@@ -155,7 +166,6 @@ class Level:
 
     def feed(self, dt: float, az: float, squares: float, airborne: bool) -> bool:
         """Take one tick; return whether `thrust` moved."""
-        dt = min(dt, 0.1)
         if squares <= 0.0 or not az < 0.0:
             return False
         x, y, ratio = self._filter(dt, az, squares)

@@ -84,21 +84,23 @@ class ResidualNoise:
         offset_time = c.offset_first_time if since_open < c.offset_time else c.offset_time
         offset_gain = min(1.0, dt / min(offset_time, max(0.1, since_open)))
         clip2 = c.noise_clip * c.noise_clip
+        step2 = c.offset_clip * c.offset_clip
+        offset = self.offset
         taken = [0.0] * ROWS
         for row in range(ROWS):
-            d = e[row] - self.offset[row]
+            d = e[row] - offset[row]
             if d != d:
                 continue
             now = variance[row]
             square = d * d / inflation
-            if square > clip2 * now:
-                square = clip2 * now
+            if square > step2 * now:
+                d = math.copysign(c.offset_clip * math.sqrt(now * inflation), d)
+                if square > clip2 * now:
+                    square = clip2 * now
             learned = now + gain * (square - now)
             variance[row] = learned if learned > c.floor[row] else c.floor[row]
-            limit = c.offset_clip * math.sqrt(now * inflation)
-            step = limit if d > limit else (-limit if d < -limit else d)
-            self.offset[row] += offset_gain * step
-            taken[row] = step
+            offset[row] += offset_gain * d
+            taken[row] = d
         self._learn_coherence(taken, dt, gain, 1.0 / inflation)
 
     def learn_aged(self, age: int, e: list[float], dt: float, since_open: float, inflation: float) -> None:

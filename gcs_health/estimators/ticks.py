@@ -76,12 +76,11 @@ class ImuBlocks:
         self._step = UsualStep()
         self.last_t = -math.inf
         self.dropped = 0
-        self._count = 0
-        self._sums = [0.0] * 7
+        self._block: list[ImuReading] = []
 
     def feed(self, reading: ImuReading) -> Tick | None:
         """Take one message; return the block that it completes, if any."""
-        t, ax, ay, az, p, q, r = reading
+        t = reading.t
         if not (t > self.last_t and plausible(reading)):
             self.dropped += 1
             return None
@@ -92,18 +91,10 @@ class ImuBlocks:
             if self._step.feed(dt):
                 # at 150 Hz and below every message is a tick
                 self.per_block = max(1, int(self.length / self._step.value + 0.5))
-            if self._count and dt > 2.5 * self.step and dt > 0.5 * self.length:
+            if self._block and dt > 2.5 * self._step.value and dt > 0.5 * self.length:
                 done = self._flush()
-        sums = self._sums
-        sums[0] += t
-        sums[1] += ax
-        sums[2] += ay
-        sums[3] += az
-        sums[4] += p
-        sums[5] += q
-        sums[6] += r
-        self._count += 1
-        if done is None and self._count >= self.per_block:
+        self._block.append(reading)
+        if done is None and len(self._block) >= self.per_block:
             done = self._flush()
         return done
 
@@ -113,10 +104,9 @@ class ImuBlocks:
         return self._step.value
 
     def _flush(self) -> Tick:
-        share = 1.0 / self._count
-        tick = Tick(*[value * share for value in self._sums])
-        self._sums = [0.0] * 7
-        self._count = 0
+        share = 1.0 / len(self._block)
+        tick = Tick(*[share * sum(values) for values in zip(*self._block, strict=True)])
+        self._block.clear()
         return tick
 
 
