@@ -119,7 +119,8 @@ def to_json(event: Event, first: bool = False) -> str:
     line: dict[str, object] = {"schema": SCHEMA} if first else {}
     line["type"] = _TYPE[kind]
     for name, value in zip(kind._fields, event, strict=True):
-        line[name] = value if type(value) is str or type(value) is int else plain(value)
+        kept = type(value) is str or type(value) is int or (type(value) is float and value - value == 0.0)
+        line[name] = value if kept else plain(value)
     return _encode(line)
 
 
