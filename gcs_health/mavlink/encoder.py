@@ -1,0 +1,72 @@
+"""Values to MAVLink 2 frames: the other direction of `frames.py`, for one sender."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from fastcrc.crc16 import mcrf4xx
+
+from gcs_health.mavlink.dialect import Dialect, Message
+from gcs_health.mavlink.framing import MAGIC_V2
+
+Field = float | int | bytes | str | Sequence[float] | Sequence[int]
+
+
+class Encoder:
+    """Counts the sequence of one (system, component) and packs its frames.
+
+    Parameters
+    ----------
+    dialect : what can be sent.
+    system, component : the sender.
+    """
+
+    def __init__(self, dialect: Dialect, system: int = 1, component: int = 1) -> None:
+        self.sequence = 0
+        self._of_name = {message.name: message for message in dialect.messages.values()}
+        self._sender = (system, component)
+
+    def frame(self, name: str, **fields: Field) -> bytes:
+        """Return the next frame; fields left out are 0.
+
+        Raises
+        ------
+        KeyError : no such message, or no such field in it.
+        """
+        message = self._of_name[name]
+        frame = pack(message, payload_of(message, fields), self.sequence, *self._sender)
+        self.sequence = (self.sequence + 1) & 0xFF
+        return frame
+
+
+def payload_of(message: Message, fields: dict[str, Any]) -> bytes:
+    """Return the untruncated payload of these fields, wire units; arrays shorter than the message's end in 0."""
+    values: list[Any] = list(_blank(message))
+    for name, value in fields.items():
+        at, count = message.positions[name]
+        if count:
+            values[at : at + min(len(value), count)] = value[:count]
+        else:
+            values[at] = value.encode() if isinstance(value, str) else value
+    return message.layout.pack(*values)
+
+
+def pack(message: Message, payload: bytes, sequence: int, system: int, component: int) -> bytes:
+    """Return a MAVLink 2 frame, unsigned; trailing zero bytes are cut as the standard asks, the first kept."""
+    payload = payload.rstrip(b"\0") or payload[:1]
+    id = message.id
+    head = bytes((len(payload), 0, 0, sequence, system, component, id & 0xFF, id >> 8 & 0xFF, id >> 16))
+    crc = mcrf4xx(head + payload + bytes((message.crc_extra,)))
+    return bytes((MAGIC_V2,)) + head + payload + crc.to_bytes(2, "little")
+
+
+def clipped(value: float, low: int, high: int) -> int:
+    """Return the nearest whole number that the wire field holds; NaN becomes `high`, "not known"."""
+    return high if math.isnan(value) else min(max(round(value), low), high)
+
+
+def _blank(message: Message) -> list[Any]:
+    blank: list[Any] = []
+    for _, kind, length in message.fields:
+        blank += [b""] if kind == "char" else [0] * (length or 1)
+    return blank

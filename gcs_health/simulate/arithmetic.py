@@ -1,0 +1,48 @@
+"""One source for one flight and for many: the same formulas over floats or over columns.
+
+The physics is written once, over values that are floats (one flight, plain Python) or arrays of one
+value a flight (a campaign, numpy). Plain operators do for both; what differs is here.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Value = Any  # float, or (flights,) array: the formulas do not care
+
+
+class Arithmetic(NamedTuple):
+    """The functions that floats and columns do not share."""
+
+    sqrt: Callable[[Value], Value]
+    sin: Callable[[Value], Value]
+    cos: Callable[[Value], Value]
+    minimum: Callable[[Value, Value], Value]
+    maximum: Callable[[Value, Value], Value]
+    where: Callable[[Value, Value, Value], Value]
+    any: Callable[[Value], bool]
+    rint: Callable[[Value], Value]
+
+
+FLOATS = Arithmetic(
+    sqrt=math.sqrt,
+    sin=math.sin,
+    cos=math.cos,
+    minimum=lambda a, b: a if a < b else b,
+    maximum=lambda a, b: a if a > b else b,
+    where=lambda condition, a, b: a if condition else b,
+    any=bool,
+    rint=round,
+)
+COLUMNS = Arithmetic(
+    sqrt=np.sqrt,
+    sin=np.sin,
+    cos=np.cos,
+    minimum=np.minimum,
+    maximum=np.maximum,
+    where=np.where,
+    any=lambda condition: bool(np.any(condition)),
+    rint=np.rint,
+)

@@ -1,0 +1,201 @@
+"""Six degrees of freedom on any number of rotors, in flight, on the ground and in between.
+
+    J w'    = kappa_q i - kappa_tau etaQ w² - kappa_f w               each rotor, ESC speed loop behind it
+    T       = kappa_T etaT w² (1 - c v_axial / (w r)),   M_z = s (kappa_q i - kappa_f w)
+    m v'    = R (F_rotors + F_air) + m g + F_ground
+    I W'    = M - W x (I W + e3 sum s J w)
+    q'      = q W / 2
+
+World axes north, east, down; body axes forward, right, down; the ground is at z = 0. Every value is a float
+or a column of flights (`arithmetic.py`). Source: sheet 1 section 2, sheet 3 eqs. (5), (6), (8).
+"""
+
+from dataclasses import dataclass
+
+from gcs_health.gate import GRAVITY
+from gcs_health.simulate.arithmetic import Arithmetic, Value
+from gcs_health.simulate.vehicle import SimVehicle
+
+AIR_DENSITY = 1.225  # kg/m³
+SINK = 0.004  # m that the legs give under the weight
+SLIP = 15.0  # 1/s, how fast the ground stops sliding
+
+
+@dataclass(slots=True)
+class RotorState:
+    """One rotor: its state, and what faults have made of it.
+
+    Attributes
+    ----------
+    w, phase : speed [rad/s] and angle [rad].
+    current : motor torque current [A].
+    thrust, lift : kappa_T etaT and the force now [N].
+    etaT, etaQ : effectiveness of thrust and of drag torque; 1 = healthy.
+    friction : factor on kappa_f. inertia : J now [kg m²].
+    slowed : factor on the commanded speed. driven : 0 = no current. free : 0 = stuck.
+    bus : voltage at the ESC now [V].
+    imbalance : m_u r_u [kg m].
+    """
+
+    w: Value = 0.0
+    phase: Value = 0.0
+    acceleration: Value = 0.0
+    current: Value = 0.0
+    lift: Value = 0.0
+    eta_t: Value = 1.0
+    eta_q: Value = 1.0
+    friction: Value = 1.0
+    inertia: Value = 0.0
+    slowed: Value = 1.0
+    driven: Value = 1.0
+    free: Value = 1.0
+    imbalance: Value = 0.0
+
+
+class Plant:
+    """One vehicle, or one of a kind in many flights at once.
+
+    Attributes
+    ----------
+    position, velocity : [m], [m/s] in the world.
+    attitude : quaternion (w, x, y, z), body to world.
+    rates, turning : body rates [rad/s] and their derivatives [rad/s²].
+    specific_force : of the centre of mass, body axes [m/s²].
+    rotors : in order of motor number.
+    bus : battery voltage under load [V]. used : charge [A h]. battery_current : [A].
+    """
+
+    def __init__(self, vehicle: SimVehicle, ops: Arithmetic, zero: Value = 0.0) -> None:
+        self.vehicle = vehicle
+        self.ops = ops
+        self.position = [zero, zero, zero - vehicle.leg]
+        self.velocity = [zero, zero, zero]
+        self.attitude = [zero + 1.0, zero, zero, zero]
+        self.rates = [zero, zero, zero]
+        self.turning = [zero, zero, zero]
+        self.specific_force = [zero, zero, zero - GRAVITY]
+        self.rotors = [
+            RotorState(w=zero, phase=zero, inertia=zero + vehicle.motor.inertia) for _ in vehicle.rotors
+        ]
+        self.mass = zero + vehicle.mass
+        self.inertia = [zero + value for value in vehicle.inertia]
+        self.thrust_scale = zero + 1.0
+        self.bus = zero + vehicle.battery.voltage
+        self.used = zero
+        self.battery_current = zero
+        self._arms = [rotor.position for rotor in vehicle.rotors]
+        self._spins = [float(rotor.spin) for rotor in vehicle.rotors]
+        self._reach = max((x * x + y * y) ** 0.5 for x, y, _ in self._arms)
+
+    def step(self, dt: float, wanted: list[Value], wind: tuple[Value, Value, Value]) -> None:
+        """Advance by `dt` [s] with the rotor speeds `wanted` [rad/s] in a `wind` of the world [m/s]."""
+        qw, qx, qy, qz = self.attitude
+        r11, r12, r13 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
+        r21, r22, r23 = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
+        r31, r32, r33 = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+        vx, vy, vz = self.velocity
+        ax, ay, az = vx - wind[0], vy - wind[1], vz - wind[2]
+        u = r11 * ax + r21 * ay + r31 * az
+        v = r12 * ax + r22 * ay + r32 * az
+        w = r13 * ax + r23 * ay + r33 * az
+        lift, roll, pitch, yaw, turn, in_plane = self._turn_rotors(dt, wanted, w)
+        speed = self.ops.sqrt(u * u + v * v + w * w)
+        held = 0.5 * AIR_DENSITY * self.vehicle.drag_area * speed
+        fx, fy, fz = -(held + in_plane) * u, -(held + in_plane) * v, -lift - held * w
+        if self.ops.any(self.position[2] > -self.vehicle.leg - self._reach):
+            gx, gy, gz, groll, gpitch = self._ground((r11, r12, r13, r21, r22, r23, r31, r32, r33))
+            fx, fy, fz, roll, pitch = fx + gx, fy + gy, fz + gz, roll + groll, pitch + gpitch
+        share = 1.0 / self.mass
+        sx, sy, sz = fx * share, fy * share, fz * share
+        self.specific_force = [sx, sy, sz]
+        vx = vx + dt * (r11 * sx + r12 * sy + r13 * sz)
+        vy = vy + dt * (r21 * sx + r22 * sy + r23 * sz)
+        vz = vz + dt * (r31 * sx + r32 * sy + r33 * sz + GRAVITY)
+        self.velocity = [vx, vy, vz]
+        x, y, z = self.position
+        self.position = [x + dt * vx, y + dt * vy, z + dt * vz]
+        self._rotate(dt, roll, pitch, yaw, turn)
+
+    def _turn_rotors(self, dt: float, wanted: list[Value], axial: Value) -> tuple[Value, ...]:
+        """Advance the rotors; return lift, roll, pitch and yaw moment, angular momentum and in-plane drag."""
+        m = self.vehicle.motor
+        low, high = self.ops.minimum, self.ops.maximum
+        kq, hold = m.torque_constant, m.inertia * m.bandwidth
+        lift = roll = pitch = yaw = turn = in_plane = drawn = 0.0
+        for rotor, goal, (x, y, _), spin, seat in zip(
+            self.rotors, wanted, self._arms, self._spins, self.vehicle.rotors, strict=True
+        ):
+            w = rotor.w
+            goal = goal * rotor.slowed
+            asked = (m.torque * goal * goal + m.friction * goal + hold * (goal - w)) / kq
+            current = low(asked, low((self.bus - kq * w) / m.resistance, m.current_limit))
+            current = high(current, -m.brake_limit) * rotor.driven
+            friction = m.friction * rotor.friction * w
+            rise = (kq * current - m.torque * rotor.eta_q * w * w - friction) / rotor.inertia * rotor.free
+            now = high(w + dt * rise, 0.0) * rotor.free
+            rotor.acceleration = (now - w) / dt
+            rotor.phase = rotor.phase + 0.5 * dt * (w + now)
+            rotor.w, rotor.current = now, current
+            radius = seat.radius or 0.1
+            force = m.thrust * self.thrust_scale * rotor.eta_t * now * (now + m.inflow * axial / radius)
+            rotor.lift = force = high(force, 0.0)
+            lift = lift + force
+            roll = roll - y * force
+            pitch = pitch + x * force
+            yaw = yaw + spin * (rotor.inertia * rotor.acceleration + m.torque * rotor.eta_q * now * now)
+            turn = turn + spin * rotor.inertia * now
+            in_plane = in_plane + m.drag * now
+            drawn = drawn + current * (m.resistance * current + kq * now)
+        self._discharge(dt, drawn / self.bus)
+        # turning counter-clockwise seen from above is about -z: the body's reaction about +z
+        return lift, roll, pitch, yaw, -turn, in_plane
+
+    def _discharge(self, dt: float, current: Value) -> None:
+        b = self.vehicle.battery
+        self.battery_current = current
+        self.used = self.used + current * dt / 3600.0
+        open_circuit = b.voltage - (b.voltage - b.empty_voltage) * self.used / b.capacity
+        self.bus = open_circuit - b.resistance * current
+
+    def _ground(self, r: tuple[Value, ...]) -> tuple[Value, ...]:
+        """Return the ground's force on the legs, body axes, and its roll and pitch moment."""
+        r11, r12, r13, r21, r22, r23, r31, r32, r33 = r
+        high, where = self.ops.maximum, self.ops.where
+        share = self.mass * GRAVITY / len(self._arms)
+        stiffness, damping = share / SINK, 1.4 * share / (SINK * GRAVITY) ** 0.5
+        p, q, _ = self.rates
+        leg = self.vehicle.leg
+        fx = fy = fz = roll = pitch = 0.0
+        for x, y, _ in self._arms:
+            depth = self.position[2] + r31 * x + r32 * y + r33 * leg
+            falling = self.velocity[2] + r31 * q * leg - r32 * p * leg + r33 * (p * y - q * x)
+            touching = depth > 0.0
+            up = where(touching, high(stiffness * depth + damping * falling, 0.0), 0.0)
+            drag = where(touching, SLIP * self.mass / len(self._arms), 0.0)
+            gx, gy, gz = -drag * self.velocity[0], -drag * self.velocity[1], -up
+            bx = r11 * gx + r21 * gy + r31 * gz
+            by = r12 * gx + r22 * gy + r32 * gz
+            bz = r13 * gx + r23 * gy + r33 * gz
+            fx, fy, fz = fx + bx, fy + by, fz + bz
+            roll = roll + y * bz - leg * by
+            pitch = pitch + leg * bx - x * bz
+        return fx, fy, fz, roll, pitch
+
+    def _rotate(self, dt: float, roll: Value, pitch: Value, yaw: Value, turn: Value) -> None:
+        p, q, r = self.rates
+        ix, iy, iz = self.inertia
+        hx, hy, hz = ix * p, iy * q, iz * r + turn
+        dp = (roll - (q * hz - r * hy)) / ix
+        dq = (pitch - (r * hx - p * hz)) / iy
+        dr = (yaw - (p * hy - q * hx)) / iz
+        self.turning = [dp, dq, dr]
+        p, q, r = p + dt * dp, q + dt * dq, r + dt * dr
+        self.rates = [p, q, r]
+        qw, qx, qy, qz = self.attitude
+        half = 0.5 * dt
+        nw = qw - half * (qx * p + qy * q + qz * r)
+        nx = qx + half * (qw * p + qy * r - qz * q)
+        ny = qy + half * (qw * q + qz * p - qx * r)
+        nz = qz + half * (qw * r + qx * q - qy * p)
+        scale = 1.0 / self.ops.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
+        self.attitude = [nw * scale, nx * scale, ny * scale, nz * scale]

@@ -1,0 +1,231 @@
+"""What the autopilot's sensors make of the truth: IMU and ESCs, noise and filters included.
+
+Accelerometer, body axes, at the IMU's lever arm r:
+
+    f + W' x r + W x (W x r)  +  sum over rotors (m_u r_u w² / m) (cos th, s sin th, 0)     unbalance
+                              +  share of lift at cos 2 th, vertical                        blade pass
+                              +  bias + noise, clipped to the range
+
+PX4 publishes the mean over 1 / IMU_INTEG_RATE (HIGHRES_IMU takes the newest); ArduPilot low-passes with two
+poles (INS_ACCEL_FILTER, INS_GYRO_FILTER). Source: mavlink.md section 5; sheet 2 section 5.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_health.simulate.arithmetic import Arithmetic, Value
+from gcs_health.simulate.plant import Plant
+
+BLOCK = 512  # random numbers drawn at once
+
+
+@dataclass(frozen=True, slots=True)
+class SensorConfig:
+    """How good the sensors are; SI.
+
+    imu_integration_rate : PX4's IMU_INTEG_RATE [Hz]. imu_filter : ArduPilot's cut-off [Hz].
+    accelerometer_noise, gyro_noise : standard deviation of one raw sample [m/s²], [rad/s].
+    accelerometer_bias, gyro_bias : standard deviation over flights.
+    accelerometer_range, gyro_range : where it clips.
+    residual_unbalance : usual acceleration of a healthy propeller at hover speed [m/s²].
+    esc_rate : how often an ESC is read [Hz]. esc_sequential : one after another, as serial telemetry is.
+    esc_latency [s]; esc_rpm_step [rpm]; esc_current : "motor" or "battery" side; esc_current_noise [A];
+    esc_current_step [A].
+    """
+
+    imu_integration_rate: float = 200.0
+    imu_filter: float = 20.0
+    accelerometer_noise: float = 0.35
+    gyro_noise: float = 0.012
+    accelerometer_bias: float = 0.05
+    gyro_bias: float = 0.002
+    accelerometer_range: float = 157.0
+    gyro_range: float = 34.9
+    residual_unbalance: float = 0.15
+    esc_rate: float = 100.0
+    esc_sequential: bool = False
+    esc_latency: float = 0.006
+    esc_rpm_step: float = 10.0
+    esc_current: str = "motor"
+    esc_current_noise: float = 0.1
+    esc_current_step: float = 0.01
+
+
+class Noise:
+    """Standard normal numbers in blocks of `width`, a float each or a column of flights."""
+
+    def __init__(self, rngs: list[np.random.Generator], width: int) -> None:
+        self._rngs = rngs
+        self._width = width
+        self._rows: list[list[Value]] = []
+        self._at = 0
+
+    def __call__(self) -> list[Value]:
+        """Return the next row."""
+        if self._at == len(self._rows):
+            drawn = np.stack([rng.standard_normal((BLOCK, self._width)) for rng in self._rngs], axis=2)
+            self._rows = [list(row) for row in drawn] if len(self._rngs) > 1 else drawn[:, :, 0].tolist()
+            self._at = 0
+        self._at += 1
+        return self._rows[self._at - 1]
+
+
+class ImuSample(NamedTuple):
+    """One published value: time [s], specific force [m/s²], rates [rad/s]."""
+
+    t: float
+    values: list[Value]  # ax, ay, az, p, q, r
+
+
+class Imu:
+    """Sampled with every physics step; `latest` is what the autopilot would send now, `gyro` is raw."""
+
+    def __init__(
+        self,
+        config: SensorConfig,
+        ops: Arithmetic,
+        rngs: list[np.random.Generator],
+        step: float,
+        ardupilot: bool,
+    ) -> None:
+        self._ops = ops
+        self._noise = Noise(rngs, 6)
+        self._sigma = [config.accelerometer_noise] * 3 + [config.gyro_noise] * 3
+        bias = np.stack([rng.standard_normal(6) for rng in rngs], axis=1)
+        spread = np.array([config.accelerometer_bias] * 3 + [config.gyro_bias] * 3)
+        self._bias = [value * sigma for value, sigma in zip(_values(bias), spread.tolist(), strict=True)]
+        self._range = [config.accelerometer_range] * 3 + [config.gyro_range] * 3
+        self._block = max(1, round(1.0 / (config.imu_integration_rate * step)))
+        self._step = step
+        self._poles = _two_poles(config.imu_filter, step) if ardupilot else None
+        self._history: list[tuple[Value, Value]] = [(b * 0.0, b * 0.0) for b in self._bias]
+        self._sums: list[Value] = [0.0] * 6
+        self._count = 0
+        self.gyro: list[Value] = self._bias[3:]
+        self.latest = ImuSample(0.0, [b * 0.0 for b in self._bias])
+
+    def sample(self, t: float, plant: Plant) -> bool:
+        """Take the plant as it is at t [s]; return whether `latest` is new."""
+        raw = self._raw(plant)
+        self.gyro = raw[3:]
+        if self._poles is not None:
+            self.latest = ImuSample(t, self._low_pass(raw))
+            return True
+        sums = self._sums
+        for k in range(6):
+            sums[k] = sums[k] + raw[k]
+        self._count += 1
+        if self._count < self._block:
+            return False
+        share = 1.0 / self._count
+        # the mean belongs to the middle of its interval; autopilots stamp its end
+        self.latest = ImuSample(t, [share * value for value in sums])
+        self._sums, self._count = [0.0] * 6, 0
+        return True
+
+    def _raw(self, plant: Plant) -> list[Value]:
+        ops = self._ops
+        p, q, r = plant.rates
+        dp, dq, dr = plant.turning
+        x, y, z = plant.vehicle.lever
+        fx, fy, fz = plant.specific_force
+        ax = fx + dq * z - dr * y + q * (p * y - q * x) - r * (r * x - p * z)
+        ay = fy + dr * x - dp * z + r * (q * z - r * y) - p * (p * y - q * x)
+        az = fz + dp * y - dq * x + p * (r * x - p * z) - q * (q * z - r * y)
+        share = 1.0 / plant.mass
+        beat = plant.vehicle.motor.blade_pass
+        for rotor, seat in zip(plant.rotors, plant.vehicle.rotors, strict=True):
+            c, s = ops.cos(rotor.phase), ops.sin(rotor.phase)
+            shake = rotor.imbalance * share * rotor.w * rotor.w
+            ax = ax + shake * c
+            # counter-clockwise from above is about -z: from x towards -y
+            ay = ay - seat.spin * shake * s
+            az = az - beat * share * rotor.lift * (2.0 * c * c - 1.0)
+        out = []
+        for value, sigma, bias, most, chance in zip(
+            (ax, ay, az, p, q, r), self._sigma, self._bias, self._range, self._noise(), strict=True
+        ):
+            out.append(ops.minimum(ops.maximum(value + bias + sigma * chance, -most), most))
+        return out
+
+    def _low_pass(self, raw: list[Value]) -> list[Value]:
+        assert self._poles is not None
+        b0, b1, b2, a1, a2 = self._poles
+        out = []
+        for k, value in enumerate(raw):  # transposed direct form II
+            one, two = self._history[k]
+            filtered = b0 * value + one
+            self._history[k] = (b1 * value - a1 * filtered + two, b2 * value - a2 * filtered)
+            out.append(filtered)
+        return out
+
+
+def _two_poles(cutoff: float, step: float) -> tuple[float, float, float, float, float]:
+    """Return b0, b1, b2, a1, a2 of ArduPilot's LowPassFilter2p: a Butterworth of second order."""
+    w = math.tan(math.pi * cutoff * step)
+    c = 1.0 + 2.0 * math.cos(math.pi / 4.0) * w + w * w
+    b0 = w * w / c
+    return b0, 2.0 * b0, b0, 2.0 * (w * w - 1.0) / c, (1.0 - 2.0 * math.cos(math.pi / 4.0) * w + w * w) / c
+
+
+class EscSample(NamedTuple):
+    """One ESC read: time of the measurement [s], speed [rpm], V, A, deg C."""
+
+    t: float
+    rpm: Value
+    voltage: Value
+    current: Value
+    temperature: Value
+
+
+class Escs:
+    """Reads every ESC at its rate; `known` is what has arrived, oldest delays included.
+
+    In one flight the ESCs hold their samples for the latency; in columns too, since the times are common.
+    """
+
+    def __init__(
+        self, config: SensorConfig, ops: Arithmetic, rngs: list[np.random.Generator], count: int
+    ) -> None:
+        self._config = config
+        self._ops = ops
+        self._noise = [Noise(rngs, 1) for _ in range(count)]
+        self._period = 1.0 / config.esc_rate
+        lag = self._period / count if config.esc_sequential else 0.0
+        self._due = [k * lag for k in range(count)]
+        self._coming: list[deque[EscSample]] = [deque() for _ in range(count)]
+        self._heat: list[Value] = [25.0] * count
+        self.known: list[EscSample | None] = [None] * count
+        self.packets = [0] * count
+
+    def sample(self, t: float, plant: Plant) -> None:
+        """Read the ESCs that are due at t [s], and take what has arrived by then."""
+        c = self._config
+        for k, rotor in enumerate(plant.rotors):
+            if t >= self._due[k]:
+                self._due[k] += self._period
+                rpm = rotor.w * (30.0 / math.pi)
+                rpm = self._ops.rint(rpm / c.esc_rpm_step) * c.esc_rpm_step
+                current = rotor.current
+                if c.esc_current == "battery":
+                    m = plant.vehicle.motor
+                    current = current * (m.resistance * current + m.torque_constant * rotor.w) / plant.bus
+                self._heat[k] = self._heat[k] + self._period * (
+                    0.02 * rotor.current * rotor.current - 0.05 * (self._heat[k] - 25.0)
+                )
+                current = current + c.esc_current_noise * self._noise[k]()[0]
+                current = self._ops.rint(current / c.esc_current_step) * c.esc_current_step
+                self._coming[k].append(EscSample(t, rpm, plant.bus, current, self._heat[k]))
+            coming = self._coming[k]
+            while coming and coming[0].t + c.esc_latency <= t:
+                self.known[k] = coming.popleft()
+                self.packets[k] += 1
+
+
+def _values(columns: np.ndarray) -> list[Value]:
+    """Return rows as columns, or as floats where there is one flight."""
+    return list(columns) if columns.shape[1] > 1 else columns[:, 0].tolist()

@@ -1,0 +1,100 @@
+"""Where the vehicle is asked to be: arm, take off, fly one of five ways, land."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_health.simulate.arithmetic import Value
+
+KINDS = ("hover", "random", "circle", "aggressive", "forward")
+ARM, CLIMB, CLIMB_RATE, SINK_RATE = 0.5, 2.0, 1.5, 0.8  # s, s, m/s, m/s
+
+
+@dataclass(slots=True)
+class Goal:
+    """One moment's goal, world axes [m, m/s]; `tilt` = largest tangent of the lean."""
+
+    x: Value
+    y: Value
+    z: Value
+    vx: Value = 0.0
+    vy: Value = 0.0
+    vz: Value = 0.0
+    speed: float = 2.0
+    tilt: float = 0.6
+    idle: Value = False
+    off: Value = False
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """What a scenario says of the flight.
+
+    kind : one of `KINDS`. height [m]; speed [m/s] of circle and forward flight; radius [m] of the circle;
+    every [s] between new goals; lands : the last seconds are a landing. duration [s].
+    """
+
+    kind: str = "hover"
+    height: float = 15.0
+    speed: float = 1.0
+    radius: float = 1.0
+    every: float = 2.0
+    lands: bool = True
+    duration: float = 60.0
+
+    @property
+    def flying_from(self) -> float:
+        """When the height is reached [s]."""
+        return CLIMB + self.height / CLIMB_RATE
+
+    @property
+    def landing_from(self) -> float:
+        """When the descent begins [s]; never, if it does not land."""
+        return self.duration - self.height / SINK_RATE - 3.0 if self.lands else math.inf
+
+
+class Pilot:
+    """Gives the goal at each time of one flight, or of many side by side."""
+
+    def __init__(self, plan: Trajectory, rngs: list[np.random.Generator]) -> None:
+        self.plan = plan
+        count = math.ceil(plan.duration / plan.every) + 1
+        reach = {"random": (3.0, 3.0, 1.5), "aggressive": (8.0, 8.0, 4.0)}.get(plan.kind, (0.0, 0.0, 0.0))
+        points = np.stack([rng.uniform(-1.0, 1.0, (count, 3)) for rng in rngs], axis=2)
+        points *= np.array(reach)[:, None]
+        # floats for one flight: numpy scalars would slow every formula after
+        self._points = points if len(rngs) > 1 else points[:, :, 0].tolist()
+
+    def goal(self, t: float) -> Goal:
+        """Return the goal at flight time t [s]."""
+        p = self.plan
+        if t < CLIMB:
+            return Goal(0.0, 0.0, 0.0, idle=True, off=t < ARM)
+        if t < p.flying_from:
+            climbed = CLIMB_RATE * (t - CLIMB)
+            return Goal(0.0, 0.0, -climbed, vz=-CLIMB_RATE)
+        x, y, z, vx, vy = self._along(min(t, p.landing_from))
+        if t < p.landing_from:
+            wild = p.kind == "aggressive"
+            fast = 8.0 if wild else max(2.0, p.speed)
+            return Goal(x, y, z - p.height, vx, vy, speed=fast, tilt=1.2 if wild else 0.6)
+        sunk = SINK_RATE * (t - p.landing_from)
+        # below the ground: the legs find it, and the loops then ask for less than hover
+        down = min(sunk - p.height, 0.5)
+        over = sunk > p.height + 1.0
+        return Goal(x, y, down, vz=SINK_RATE, idle=over, off=sunk > p.height + 1.6)
+
+    def _along(self, t: float) -> tuple[Value, Value, Value, Value, Value]:
+        p = self.plan
+        since = t - p.flying_from
+        if p.kind == "circle":
+            angle = p.speed / p.radius * since
+            s, c = math.sin(angle), math.cos(angle)
+            return p.radius * s, p.radius * (1.0 - c), 0.0, p.speed * c, p.speed * s
+        if p.kind == "forward":
+            return p.speed * since, 0.0, 0.0, p.speed, 0.0
+        if p.kind == "hover":
+            return 0.0, 0.0, 0.0, 0.0, 0.0
+        x, y, z = self._points[int(since / p.every)]
+        return x, y, z, 0.0, 0.0
