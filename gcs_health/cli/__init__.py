@@ -24,6 +24,8 @@ examples:
   gcs-health replay flight.tlog --vehicle quad.toml --jsonl events.jsonl
   gcs-health live udpin://0.0.0.0:14550 --record flight.tlog
   gcs-health info flight.tlog
+  gcs-health demo
+  gcs-health simulate lost_propeller -o flight.tlog
 """
 
 
@@ -85,7 +87,38 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input")
     info.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry")
     info.add_argument("--json", action="store_true", help="print one JSON object a file")
+
+    simulate = commands.add_parser("simulate", help="fly a scenario into a log, or live over a link")
+    simulate.add_argument(
+        "scenario", nargs="?", metavar="SCENARIO", help="a .toml file, or the name of a shipped one (--list)"
+    )
+    _scenario_options(simulate)
+    simulate.add_argument("--list", action="store_true", help="the shipped scenarios, one a line")
+    simulate.add_argument("-o", "--output", metavar="FLIGHT.tlog", help="write a log, its truth beside it")
+    simulate.add_argument("--to", metavar="ENDPOINT", help="fly live, as to udpout:127.0.0.1:14550")
+    simulate.add_argument(
+        "--skip", type=_not_negative, default=0.0, metavar="S", help="leave out the first seconds"
+    )
+    simulate.add_argument(
+        "--signals", metavar="OUT.npz", help="with -o: also what MAVLink does not carry (boom tips)"
+    )
+
+    demo = commands.add_parser("demo", help="a simulated vehicle loses a propeller before your eyes")
+    demo.add_argument(
+        "scenario", nargs="?", default="demo", metavar="SCENARIO", help="another flight to show"
+    )
+    _scenario_options(demo)
+    _monitor_options(demo)
     return parser
+
+
+def _scenario_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a value, as in wind.speed=5"
+    )
+    parser.add_argument(
+        "--speed", type=_positive, default=1.0, metavar="X", help="times real time, when live (default 1)"
+    )
 
 
 def _monitor_options(parser: argparse.ArgumentParser) -> None:
@@ -116,6 +149,13 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number from 0 on, got {text}")
     return value
 
 

@@ -54,6 +54,11 @@ class Flight:
         count = len(self._telemetry.parameters())
         return [(PARAMETERS_FROM + PARAMETER_STEP * k, k) for k in range(count)]
 
+    def send_parameters(self) -> None:
+        """Send all parameters again, as for a ground station that connects now."""
+        self._on_param_request_list({})
+        self._next = 0.0
+
     @property
     def over(self) -> bool:
         """Whether the scenario's duration has passed."""

@@ -1,0 +1,86 @@
+"""`gcs-health demo`: a simulated vehicle over loopback UDP into the real `live` pipeline."""
+
+import argparse
+import socket
+import subprocess
+import sys
+
+from gcs_health.cli import DONE, INTERRUPTED
+from gcs_health.cli.live import Session
+from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.mavlink.endpoints import Links
+from gcs_health.mavlink.spellings import parse_endpoint
+from gcs_health.record.events import AlertEvent, Event
+from gcs_health.simulate.faults import Fault
+from gcs_health.simulate.scenario import load_scenario
+from gcs_health.simulate.telemetry import BOOTED
+
+HOST = "127.0.0.1"
+SKIP = 1.5  # s of standing about that a newcomer need not watch
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fly the scenario in a process of its own, listen to it, and compare with the truth."""
+    scenario = load_scenario(options.scenario, options.set)
+    length = (scenario.trajectory.duration - SKIP) / options.speed
+    print(f"{scenario.about} It flies {length:.0f} s, over UDP on this computer; Ctrl-C ends it.", flush=True)
+    monitor = make_monitor(options, stamped=False)
+    code = DONE
+    with Output(options.jsonl) as output:
+        links, port = _listen()
+        with links:
+            told = Told(output)
+            session = Session(monitor, told, links, None, request=False)  # type: ignore[arg-type]
+            vehicle = _start(options, port)
+            try:
+                session.listen(length + 1.0)
+            except KeyboardInterrupt:
+                code = INTERRUPTED
+            finally:
+                vehicle.terminate()
+                vehicle.wait()
+                session.close()
+        for fault in scenario.faults:
+            print(told.verdict(fault), file=output.text)
+    return code
+
+
+class Told:
+    """An `Output` that also remembers the alerts, to compare them with the truth."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self._raised: list[AlertEvent] = []
+
+    def write(self, events: list[Event], *, at_once: bool) -> None:
+        """See `Output.write`."""
+        self._raised += [
+            event for event in events if isinstance(event, AlertEvent) and event.state == "raised"
+        ]
+        self._output.write(events, at_once=at_once)
+
+    def verdict(self, fault: Fault) -> str:
+        """Say in a sentence whether a fault was found, and how fast."""
+        at, motor = BOOTED + float(fault.at), int(fault.rotor) + 1
+        what = f"the truth: {fault.kind.replace('_', ' ')} on motor {motor} at {at:.3f} s"
+        for event in self._raised:
+            if event.t >= at:
+                right = "right" if event.motor == motor else f"but it named motor {event.motor}"
+                return f"{what}; alert {(event.t - at) * 1e3:.0f} ms later, {right}"
+        return f"{what}; no alert"
+
+
+def _listen() -> tuple[Links, int]:
+    """Return a link on a port that nobody else has, and the port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((HOST, 0))
+        port = probe.getsockname()[1]
+    return Links([parse_endpoint(f"udpin://{HOST}:{port}")]), port
+
+
+def _start(options: argparse.Namespace, port: int) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-m", "gcs_health", "simulate", options.scenario]
+    command += ["--to", f"udpout://{HOST}:{port}", "--speed", str(options.speed), "--skip", str(SKIP)]
+    for change in options.set:
+        command += ["--set", change]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
