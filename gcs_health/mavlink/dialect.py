@@ -58,6 +58,14 @@ class Message:
         return struct.Struct("<" + codes)
 
     @cached_property
+    def layout_of_zeros(self) -> list[Any]:
+        """Return what `layout` packs to an empty message: copy it before filling it in."""
+        zeros: list[Any] = []
+        for _, kind, length in self.fields:
+            zeros += [b""] if kind == "char" else [0] * (length or 1)
+        return zeros
+
+    @cached_property
     def positions(self) -> dict[str, tuple[int, int]]:
         """Return (first element, count) of each field in the unpacked tuple; count 0 = a scalar."""
         at, places = 0, {}

@@ -41,7 +41,7 @@ class Encoder:
 
 def payload_of(message: Message, fields: dict[str, Any]) -> bytes:
     """Return the untruncated payload of these fields, wire units; arrays shorter than the message's end in 0."""
-    values: list[Any] = list(_blank(message))
+    values: list[Any] = message.layout_of_zeros.copy()
     for name, value in fields.items():
         at, count = message.positions[name]
         if count:
@@ -63,10 +63,3 @@ def pack(message: Message, payload: bytes, sequence: int, system: int, component
 def clipped(value: float, low: int, high: int) -> int:
     """Return the nearest whole number that the wire field holds; NaN becomes `high`, "not known"."""
     return high if math.isnan(value) else min(max(round(value), low), high)
-
-
-def _blank(message: Message) -> list[Any]:
-    blank: list[Any] = []
-    for _, kind, length in message.fields:
-        blank += [b""] if kind == "char" else [0] * (length or 1)
-    return blank

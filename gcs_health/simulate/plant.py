@@ -85,6 +85,7 @@ class Plant:
         self.battery_current = zero
         self._arms = [rotor.position for rotor in vehicle.rotors]
         self._spins = [float(rotor.spin) for rotor in vehicle.rotors]
+        self._inflow = [vehicle.motor.inflow / (rotor.radius or 0.1) for rotor in vehicle.rotors]
         self._reach = max((x * x + y * y) ** 0.5 for x, y, _ in self._arms)
 
     def step(self, dt: float, wanted: list[Value], wind: tuple[Value, Value, Value]) -> None:
@@ -121,9 +122,10 @@ class Plant:
         m = self.vehicle.motor
         low, high = self.ops.minimum, self.ops.maximum
         kq, hold = m.torque_constant, m.inertia * m.bandwidth
+        thrust = m.thrust * self.thrust_scale
         lift = roll = pitch = yaw = turn = in_plane = drawn = 0.0
-        for rotor, goal, (x, y, _), spin, seat in zip(
-            self.rotors, wanted, self._arms, self._spins, self.vehicle.rotors, strict=True
+        for rotor, goal, (x, y, _), spin, climb in zip(
+            self.rotors, wanted, self._arms, self._spins, self._inflow, strict=True
         ):
             w = rotor.w
             goal = goal * rotor.slowed
@@ -136,8 +138,7 @@ class Plant:
             rotor.acceleration = (now - w) / dt
             rotor.phase = rotor.phase + 0.5 * dt * (w + now)
             rotor.w, rotor.current = now, current
-            radius = seat.radius or 0.1
-            force = m.thrust * self.thrust_scale * rotor.eta_t * now * (now + m.inflow * axial / radius)
+            force = thrust * rotor.eta_t * now * (now + climb * axial)
             rotor.lift = force = high(force, 0.0)
             lift = lift + force
             roll = roll - y * force

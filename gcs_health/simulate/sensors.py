@@ -56,18 +56,19 @@ class SensorConfig:
 
 
 class Noise:
-    """Standard normal numbers in blocks of `width`, a float each or a column of flights."""
+    """Normal numbers in blocks, a float each or a column of flights; `sigma` of each number of a row."""
 
-    def __init__(self, rngs: list[np.random.Generator], width: int) -> None:
+    def __init__(self, rngs: list[np.random.Generator], sigma: list[float]) -> None:
         self._rngs = rngs
-        self._width = width
+        self._sigma = np.array(sigma)
         self._rows: list[list[Value]] = []
         self._at = 0
 
     def __call__(self) -> list[Value]:
         """Return the next row."""
         if self._at == len(self._rows):
-            drawn = np.stack([rng.standard_normal((BLOCK, self._width)) for rng in self._rngs], axis=2)
+            size = (BLOCK, len(self._sigma))
+            drawn = np.stack([rng.standard_normal(size) * self._sigma for rng in self._rngs], axis=2)
             self._rows = [list(row) for row in drawn] if len(self._rngs) > 1 else drawn[:, :, 0].tolist()
             self._at = 0
         self._at += 1
@@ -93,8 +94,7 @@ class Imu:
         ardupilot: bool,
     ) -> None:
         self._ops = ops
-        self._noise = Noise(rngs, 6)
-        self._sigma = [config.accelerometer_noise] * 3 + [config.gyro_noise] * 3
+        self._noise = Noise(rngs, [config.accelerometer_noise] * 3 + [config.gyro_noise] * 3)
         bias = np.stack([rng.standard_normal(6) for rng in rngs], axis=1)
         spread = np.array([config.accelerometer_bias] * 3 + [config.gyro_bias] * 3)
         self._bias = [value * sigma for value, sigma in zip(_values(bias), spread.tolist(), strict=True)]
@@ -145,12 +145,13 @@ class Imu:
             # counter-clockwise from above is about -z: from x towards -y
             ay = ay - seat.spin * shake * s
             az = az - beat * share * rotor.lift * (2.0 * c * c - 1.0)
-        out = []
-        for value, sigma, bias, most, chance in zip(
-            (ax, ay, az, p, q, r), self._sigma, self._bias, self._range, self._noise(), strict=True
-        ):
-            out.append(ops.minimum(ops.maximum(value + bias + sigma * chance, -most), most))
-        return out
+        low, high = ops.minimum, ops.maximum
+        return [
+            low(high(value + bias + chance, -most), most)
+            for value, bias, chance, most in zip(
+                (ax, ay, az, p, q, r), self._bias, self._noise(), self._range, strict=True
+            )
+        ]
 
     def _low_pass(self, raw: list[Value]) -> list[Value]:
         assert self._poles is not None
@@ -193,7 +194,8 @@ class Escs:
     ) -> None:
         self._config = config
         self._ops = ops
-        self._noise = [Noise(rngs, 1) for _ in range(count)]
+        self._noise = Noise(rngs, [config.esc_current_noise] * count)
+        self._next = 0.0  # nothing is read, and nothing arrives, before
         self._period = 1.0 / config.esc_rate
         lag = self._period / count if config.esc_sequential else 0.0
         self._due = [k * lag for k in range(count)]
@@ -204,26 +206,31 @@ class Escs:
 
     def sample(self, t: float, plant: Plant) -> None:
         """Read the ESCs that are due at t [s], and take what has arrived by then."""
-        c = self._config
-        for k, rotor in enumerate(plant.rotors):
+        if t < self._next:
+            return
+        chances = self._noise() if t >= min(self._due) else []
+        for k in range(len(self._due)):
             if t >= self._due[k]:
                 self._due[k] += self._period
-                rpm = rotor.w * (30.0 / math.pi)
-                rpm = self._ops.rint(rpm / c.esc_rpm_step) * c.esc_rpm_step
-                current = rotor.current
-                if c.esc_current == "battery":
-                    m = plant.vehicle.motor
-                    current = current * (m.resistance * current + m.torque_constant * rotor.w) / plant.bus
-                self._heat[k] = self._heat[k] + self._period * (
-                    0.02 * rotor.current * rotor.current - 0.05 * (self._heat[k] - 25.0)
-                )
-                current = current + c.esc_current_noise * self._noise[k]()[0]
-                current = self._ops.rint(current / c.esc_current_step) * c.esc_current_step
-                self._coming[k].append(EscSample(t, rpm, plant.bus, current, self._heat[k]))
+                self._coming[k].append(self._read(t, k, plant, chances[k]))
             coming = self._coming[k]
-            while coming and coming[0].t + c.esc_latency <= t:
+            while coming and coming[0].t + self._config.esc_latency <= t:
                 self.known[k] = coming.popleft()
                 self.packets[k] += 1
+        arriving = [coming[0].t + self._config.esc_latency for coming in self._coming if coming]
+        self._next = min(*self._due, *arriving)
+
+    def _read(self, t: float, k: int, plant: Plant, chance: Value) -> EscSample:
+        c, rotor = self._config, plant.rotors[k]
+        rpm = self._ops.rint(rotor.w * (30.0 / math.pi) / c.esc_rpm_step) * c.esc_rpm_step
+        current = rotor.current
+        if c.esc_current == "battery":
+            m = plant.vehicle.motor
+            current = current * (m.resistance * current + m.torque_constant * rotor.w) / plant.bus
+        warming = 0.02 * rotor.current * rotor.current - 0.05 * (self._heat[k] - 25.0)
+        self._heat[k] = self._heat[k] + self._period * warming
+        current = self._ops.rint((current + chance) / c.esc_current_step) * c.esc_current_step
+        return EscSample(t, rpm, plant.bus, current, self._heat[k])
 
 
 def _values(columns: np.ndarray) -> list[Value]:
