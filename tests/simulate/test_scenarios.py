@@ -1,0 +1,190 @@
+"""Scenarios: what is accepted, what is refused and how; and that flights do what they say."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from gcs_health.errors import ConfigError
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.events import AlertEvent, Event, SummaryEvent
+from gcs_health.simulate.flight import Flight, record, truth
+from gcs_health.simulate.scenario import Scenario, load_scenario, shipped
+from gcs_health.simulate.telemetry import BOOTED
+from gcs_health.simulate.vehicle import load_sim_vehicle
+from gcs_health.simulate.vehicle import shipped as vehicles
+
+QUICK = ["trajectory.height=3", "trajectory.duration=14", "trajectory.lands=false"]
+
+
+def log_of(scenario: Scenario) -> bytes:
+    return b"".join(record(stamp, frame) for stamp, frame in Flight(scenario).run())
+
+
+def events_of(log: bytes) -> list[Event]:
+    monitor = Monitor(MonitorConfig(stamped=True))
+    return monitor.feed(log) + monitor.finish()
+
+
+def alerts_of(log: bytes) -> list[AlertEvent]:
+    return [event for event in events_of(log) if isinstance(event, AlertEvent)]
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_scenario_is_valid_and_says_what_it_is(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.about.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("vehicle=nothing", ["vehicle 'nothing'", "bebop2"]),
+        ("wind.sped=3", ["lost_propeller.toml: wind.sped", "unknown key", "speed"]),
+        ("wind.speed=-3", ["wind.speed", "from 0 on"]),
+        ("wind.turbulence=hurricane", ["wind.turbulence", "none, low, moderate, severe"]),
+        ("trajectory.kind=loop", ["trajectory.kind", "circle"]),
+        ("trajectory.duration=5", ["trajectory.duration|fault[0].at", ""]),
+        ("fault.0.motor=5", ["fault[0].motor", "motors 1 to 4"]),
+        ("fault.0.motor=0", ["fault[0].motor", "from 1 on"]),
+        ("fault.0.at=1.0", ["fault[0].at", "before the vehicle flies"]),
+        ("fault.0.at=99", ["fault[0].at", "after the flight's end"]),
+        ("fault.0.kind=explodes", ["fault[0].kind", "propeller_lost"]),
+        ("fault.0.kind=effectiveness", ["fault[0].size", "is missing"]),
+        ("fault.0.size=0.5", ["fault[0].size", "has no size"]),
+        ("fault.3.at=5", ["fault.3.at", "1 are listed"]),
+        ("fault.at=5", ["say which one", "fault.0.at"]),
+        ("telemetry.autopilot=betaflight", ["telemetry.autopilot", "ardupilot"]),
+        ("telemetry.rates.RAW_IMU=50", ["telemetry.rates.RAW_IMU", "unknown key"]),
+        ("sensors.esc_current=both", ["sensors.esc_current", "motor, battery"]),
+        ("seed=-1", ["seed", "from 0 on"]),
+        ("schema=x", ["schema", "gcs_health.scenario/1"]),
+        ("novalue", ["--set novalue", "key=value"]),
+    ],
+)
+def test_a_bad_value_gets_one_line_that_names_it(change: str, words: list[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_scenario("lost_propeller", [change])
+    line = str(caught.value)
+    assert "\n" not in line
+    assert any(first in line for first in words[0].split("|"))
+    assert all(word in line for word in words[1:])
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (("mass = 0.5", "mass = -0.5"), ["mass", "above 0"]),
+        (("thrust = 2.5e-6", "thrust = 2.5e-7"), ["motor.top", "too little to fly"]),
+        (("motor = 2", "motor = 3"), ["rotor[1].motor", "expected 2"]),
+        (('spin = "ccw"', 'spin = "left"'), ["rotor[0].spin", "ccw, cw"]),
+        (("[battery]", "[batery]"), ["battery", ""]),
+    ],
+)
+def test_a_bad_vehicle_gets_one_line_too(tmp_path: Path, edit: tuple[str, str], words: list[str]) -> None:
+    import gcs_health.simulate
+
+    good = Path(gcs_health.simulate.__file__).parent / "vehicles" / "bebop2.toml"
+    bad = tmp_path / "mine.toml"
+    bad.write_text(good.read_text().replace(*edit, 1))
+    with pytest.raises(ConfigError, match=r"mine\.toml") as caught:
+        load_sim_vehicle(str(bad))
+    assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "schema"),
+        ("not toml [", "not valid TOML"),
+        ('schema = "gcs_health.scenario/1"', "vehicle: is missing"),
+    ],
+)
+def test_a_broken_file(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        load_scenario(str(path))
+    with pytest.raises(ConfigError, match="neither a file nor one of"):
+        load_scenario("no_such_thing")
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_scenario(str(tmp_path / "gone.toml"))
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_scenario(str(tmp_path))
+
+
+def test_a_scenario_names_a_vehicle_beside_it(tmp_path: Path) -> None:
+    import gcs_health.simulate
+
+    folder = Path(gcs_health.simulate.__file__).parent
+    mine = (folder / "vehicles" / "bebop2.toml").read_text().replace("mass = 0.5 ", "mass = 0.6 ")
+    (tmp_path / "heavy.toml").write_text(mine)
+    scenario = (folder / "scenarios" / "demo.toml").read_text().replace('"bebop2"', '"heavy.toml"')
+    (tmp_path / "mine.toml").write_text(scenario)
+    assert load_scenario(str(tmp_path / "mine.toml")).vehicle.mass == 0.6
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    changes = [*QUICK, "fault.0.at=10"]
+    first = log_of(load_scenario("lost_propeller", changes))
+    assert first == log_of(load_scenario("lost_propeller", changes))
+    assert first != log_of(load_scenario("lost_propeller", [*changes, "seed=2"]))
+
+
+def test_a_lost_propeller_is_found_and_the_truth_says_so() -> None:
+    scenario = load_scenario("lost_propeller")
+    log = log_of(scenario)
+    told = json.loads(truth(scenario))["faults"][0]
+    (alert,) = alerts_of(log)
+    assert (alert.code, alert.motor) == ("ROTOR_FAILED", told["motor"])
+    assert 0.0 < alert.t - (BOOTED + told["at_s"]) < 0.1
+    # the truth's UNIX time is that of the log's stamps: the alert's datum is the same moment
+    assert 0 < alert.t_unix_us - told["at_unix_us"] < 150_000
+
+
+def test_a_hexacopter_flies_on_without_any_one_rotor() -> None:
+    for motor in range(1, 7):
+        changes = [*QUICK, f"fault.0.motor={motor}", "fault.0.at=6", "trajectory.kind=hover"]
+        flight = Flight(load_scenario("hexa_flies_on", changes))
+        lowest, tilt = math.inf, 0.0
+        while not flight.over:
+            flight.step()
+            if flight.world.t > 6.0:
+                plant = flight.world.plant
+                lowest = min(lowest, -plant.position[2])
+                _, x, y, _ = plant.attitude
+                tilt = max(tilt, 2.0 * (x * x + y * y))
+        assert lowest > 1.5, motor
+        assert tilt < 0.3, motor
+
+
+def test_a_healthy_flight_takes_off_and_lands_without_an_alarm() -> None:
+    changes = ["trajectory.height=3", "trajectory.duration=22"]
+    flight = Flight(load_scenario("healthy_quad", changes))
+    log = b"".join(record(stamp, frame) for stamp, frame in flight.run())
+    summary = next(event for event in events_of(log) if isinstance(event, SummaryEvent))
+    assert not summary.alerts
+    assert -flight.world.plant.position[2] == pytest.approx(flight.scenario.vehicle.leg, abs=0.02)
+    assert flight.world.goal.off
+
+
+@pytest.mark.parametrize("name", vehicles())
+@pytest.mark.parametrize("kind", ["aggressive", "forward"])
+def test_every_vehicle_flies_hard_and_stays_up(name: str, kind: str) -> None:
+    changes = [
+        *QUICK,
+        "trajectory.height=6",
+        f"trajectory.kind={kind}",
+        "trajectory.speed=8",
+        f"vehicle={name}",
+    ]
+    scenario = load_scenario("healthy_quad", [*changes, "wind.speed=4", "wind.turbulence=moderate"])
+    from gcs_health.simulate.world import World
+
+    world = World(scenario, [1, 2, 3])
+    while world.t < 14.0:
+        world.step()
+    assert (-world.plant.position[2] > 1.0).all()
+    assert not world.controller.crashed.any()
