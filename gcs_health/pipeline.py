@@ -84,6 +84,10 @@ class Monitor:
         """Return the vehicles seen so far."""
         return [monitor for monitor in self._vehicles.values() if monitor.is_vehicle]
 
+    def rates(self, system: int, component: int, now_us: int) -> dict[int, float]:
+        """Return how often each message of one sender came until now [Hz], by message id."""
+        return self._census.rates_until(system, component, now_us)
+
     def survey(self) -> Survey:
         """Return what is in the stream so far."""
         return Survey(

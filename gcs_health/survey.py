@@ -120,6 +120,12 @@ class Census:
         """Return the rate of each message of one sender [Hz], by message id."""
         return {m: t.rate for (s, c, m), t in sorted(self.tallies.items()) if (s, c) == (system, component)}
 
+    def rates_until(self, system: int, component: int, now_us: int) -> dict[int, float]:
+        """Return arrivals a second of each message of one sender, from its first frame to `now_us`."""
+        mine = {m: t for (s, c, m), t in self.tallies.items() if (s, c) == (system, component)}
+        span = now_us - min((tally.first_us for tally in mine.values()), default=now_us)
+        return {m: tally.count * 1e6 / span for m, tally in mine.items()} if span > 0 else {}
+
     def span(self) -> tuple[int | None, int | None]:
         """Return the first and the last arrival [UNIX µs]; None where nothing came."""
         tallies = self.tallies.values()

@@ -81,6 +81,12 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="ask the vehicle for the message rates that the estimators need (this transmits)",
     )
+    live.add_argument(
+        "--backend",
+        choices=("direct", "mavsdk"),
+        default="direct",
+        help="mavsdk: through MAVSDK, which sends heartbeats of its own; direct (default) only listens",
+    )
     live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
 
     info = commands.add_parser("info", help="what is in a log, and what the estimators would need")

@@ -5,15 +5,18 @@ import signal
 import sys
 from types import FrameType
 
+from gcs_health.airframe import AirframeSource
 from gcs_health.cli import ALERT, DONE, INTERRUPTED
 from gcs_health.cli.monitoring import Output, make_monitor
 from gcs_health.mavlink.endpoints import Links
+from gcs_health.mavlink.mavsdk_link import MavsdkLinks
 from gcs_health.mavlink.requests import RateRequests
 from gcs_health.mavlink.spellings import Endpoint, parse_endpoint
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor
 from gcs_health.record.recorder import Recorder
 
+LISTEN_FIRST_US = 2_000_000  # to a vehicle before it is asked for more
 SILENT_US = 5_000_000  # until we say that nothing was heard
 
 
@@ -22,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
     endpoints = [parse_endpoint(text) for text in options.endpoints]
     files = [endpoint for endpoint in endpoints if endpoint.kind == "file"]
     monitor = make_monitor(options, stamped=False, keep_raw=bool(options.record))
-    with Output(options.jsonl) as output, Links([e for e in endpoints if e not in files]) as links:
+    with Output(options.jsonl) as output, _open(options, [e for e in endpoints if e not in files]) as links:
         recorder = Recorder(options.record) if options.record else None
         session = Session(monitor, output, links, recorder, options.request_rates)
         signal.signal(signal.SIGTERM, _interrupt)
@@ -40,6 +43,12 @@ def run(options: argparse.Namespace) -> int:
     return code
 
 
+def _open(options: argparse.Namespace, endpoints: list[Endpoint]) -> Links | MavsdkLinks:
+    if options.backend == "mavsdk":
+        return MavsdkLinks(endpoints)
+    return Links(endpoints)
+
+
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
@@ -48,7 +57,12 @@ class Session:
     """One run of `live`: record first, decode second, tell at once."""
 
     def __init__(
-        self, monitor: Monitor, output: Output, links: Links, recorder: Recorder | None, request: bool
+        self,
+        monitor: Monitor,
+        output: Output,
+        links: Links | MavsdkLinks,
+        recorder: Recorder | None,
+        request: bool,
     ) -> None:
         self._monitor = monitor
         self._output = output
@@ -56,6 +70,7 @@ class Session:
         self._recorder = recorder
         self._requests = RateRequests() if request else None
         self._asked: set[str] = set()
+        self._met: dict[str, int] = {}  # when each vehicle was first seen
         self._heard = False
         self._warned = False
         self._record_warned = False
@@ -81,7 +96,7 @@ class Session:
             self._record(packet.receive_us)
             self._output.write(events, at_once=True)
             self._tell(packet.receive_us - started)
-            self._ask()
+            self._ask(packet.receive_us)
             if duration is not None and packet.receive_us - started >= duration * 1e6:
                 return
 
@@ -117,15 +132,20 @@ class Session:
                 flush=True,
             )
 
-    def _ask(self) -> None:
+    def _ask(self, now_us: int) -> None:
         if self._requests is None:
             return
         for vehicle in self._monitor.vehicles():
             if vehicle.vehicle in self._asked or vehicle.autopilot is None:
                 continue
+            met = self._met.setdefault(vehicle.vehicle, now_us)
+            if now_us - met < LISTEN_FIRST_US:
+                continue  # what it sends already need not be asked for
             self._asked.add(vehicle.vehicle)
             system, component = map(int, vehicle.vehicle.split("."))
-            frames, said = self._requests.to(system, component, vehicle.autopilot)
+            heard = self._monitor.rates(system, component, now_us)
+            known = vehicle.airframe is not None and vehicle.airframe.source is not AirframeSource.ASSUMED
+            frames, said = self._requests.to(system, component, vehicle.autopilot, heard, known)
             for frame in frames:
                 self._links.send(frame)
             if frames:

@@ -1,8 +1,9 @@
-"""What we ask a vehicle for, when asked to ask: MAV_CMD_SET_MESSAGE_INTERVAL, nothing else."""
+"""What we ask a vehicle for, when asked to ask: message rates that are too low, and its parameters."""
 
 from typing import Any
 
 SET_MESSAGE_INTERVAL = 511
+ENOUGH = 0.8  # of the rate wanted: what comes as often as that is left as it is
 PX4, ARDUPILOT = 12, 3
 OUR_SYSTEM, OUR_COMPONENT = 255, 190  # a ground station
 
@@ -34,14 +35,32 @@ class RateRequests:
         self._dialect: Any = common
         self._link: Any = common.MAVLink(None, srcSystem=OUR_SYSTEM, srcComponent=OUR_COMPONENT)
 
-    def to(self, system: int, component: int, autopilot: int | None) -> tuple[list[bytes], str]:
-        """Return the frames to send and what they ask for in words; nothing for an unknown autopilot."""
+    def to(
+        self,
+        system: int,
+        component: int,
+        autopilot: int | None,
+        heard: dict[int, float],
+        geometry_known: bool,
+    ) -> tuple[list[bytes], str]:
+        """Return the frames to send and what they ask for in words; nothing for an unknown autopilot.
+
+        `heard` are the rates [Hz] at which messages come already: nothing is ever asked to come slower.
+        Without a known geometry all parameters are asked for.
+        """
         frames, said = [], []
         for message, name, rate in WANTED.get(autopilot or 0, ()):
+            if heard.get(message, 0.0) >= ENOUGH * rate:
+                continue
             command = self._dialect.MAVLink_command_long_message(
                 system, component, SET_MESSAGE_INTERVAL, 0, message, 1e6 / rate, 0, 0, 0, 0, 0
             )
             frames.append(bytes(command.pack(self._link)))
             self._link.seq = (self._link.seq + 1) % 256
             said.append(f"{name} {rate} Hz")
+        if not geometry_known:
+            request = self._dialect.MAVLink_param_request_list_message(system, component)
+            frames.append(bytes(request.pack(self._link)))
+            self._link.seq = (self._link.seq + 1) % 256
+            said.append("its parameters")
         return frames, ", ".join(said)

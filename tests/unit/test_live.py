@@ -149,10 +149,10 @@ def test_live_alerts_records_and_its_recording_replays_to_the_same(tmp_path: Pat
 def test_live_sends_nothing_unless_asked(tmp_path: Path) -> None:
     for asked in (False, True):
         port = free_port()
-        process = listen(port, "--duration", "3", *(["--request-rates"] if asked else []))
+        process = listen(port, "--duration", "4", *(["--request-rates"] if asked else []))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", 0))
-            vehicle.settimeout(2.0)
+            vehicle.settimeout(3.5)
             for _, frame in list(
                 FrameDecoder(default_dialect(), stamped=True).feed(FLIGHT.read_bytes()).raw()
             )[:60]:
