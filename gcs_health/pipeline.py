@@ -15,7 +15,7 @@ from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
-from gcs_health.vehicle_monitor import VehicleMonitor, describe_state
+from gcs_health.vehicle_monitor import Tap, VehicleMonitor, describe_state
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,7 @@ class MonitorConfig:
     keys : 32-byte signing keys.
     stamped : the bytes are a .tlog.
     keep_raw : keep the frames for `take_raw`.
+    tap : called with (vehicle, reading) of everything that reaches an estimator, before it does.
     """
 
     airframe: Airframe | None = None
@@ -38,6 +39,7 @@ class MonitorConfig:
     keys: tuple[bytes, ...] = ()
     stamped: bool = False
     keep_raw: bool = False
+    tap: Tap | None = None
 
 
 class Monitor:
@@ -121,6 +123,7 @@ class Monitor:
                     self.config.airframe,
                     self._effectiveness,
                     self.config.estimate_rate,
+                    self.config.tap,
                 )
             events += vehicle.feed(sample)
         return events

@@ -11,6 +11,7 @@ from gcs_health.clock import Kind, VehicleClock
 from gcs_health.errors import AirframeError
 from gcs_health.estimators.contract import REASON_TEXT, Estimate, Status
 from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
+from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Need, effectiveness_needs
@@ -40,6 +41,8 @@ ON_GROUND = 1  # MAV_LANDED_STATE
 UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
 
+Tap = Callable[[str, Reading], None]
+
 CLOCK_TEXT = {
     Kind.GAP: "nothing came for {:.1f} s",
     Kind.REBOOT: "the vehicle rebooted: its clock went back by {:.1f} s",
@@ -57,10 +60,16 @@ class VehicleMonitor:
     airframe : the user's vehicle file; None = from the stream.
     config : of the effectiveness estimator.
     estimate_rate : at most so many estimates a second and rotor [Hz].
+    tap : called with (vehicle, reading) before every reading reaches the estimator.
     """
 
     def __init__(
-        self, vehicle: str, airframe: Airframe | None, config: EffectivenessConfig, estimate_rate: float
+        self,
+        vehicle: str,
+        airframe: Airframe | None,
+        config: EffectivenessConfig,
+        estimate_rate: float,
+        tap: "Tap | None" = None,
     ) -> None:
         self.vehicle = vehicle
         self.autopilot: int | None = None
@@ -76,6 +85,7 @@ class VehicleMonitor:
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
         self._config = config
+        self._tap = tap
         self._rate = estimate_rate
         self._due = -math.inf
         self._parameters = AirframeParameters()
@@ -127,6 +137,11 @@ class VehicleMonitor:
         self._tell_needs(self.last_t + silent)
         events, self._pending = self._pending, []
         return events
+
+    @property
+    def bank(self) -> RecommendedBank | None:
+        """What the recommended mode has learned; None in paper mode and without an airframe."""
+        return self._estimator.bank if self._estimator is not None else None
 
     def estimates(self) -> list[Estimate]:
         """Return the present state of every rotor."""
@@ -230,6 +245,8 @@ class VehicleMonitor:
     # -- what follows -------------------------------------------------------------------------------
 
     def _read(self, reading: Reading) -> None:
+        if self._tap is not None:
+            self._tap(self.vehicle, reading)
         if self._estimator is not None:
             self._judge(self._estimator.feed(reading))
 

@@ -109,6 +109,27 @@ def _parser() -> argparse.ArgumentParser:
         "--signals", metavar="OUT.npz", help="with -o: also what MAVLink does not carry (boom tips)"
     )
 
+    graft = commands.add_parser("graft", help="put a fault into a recorded healthy flight")
+    graft.add_argument("file", metavar="HEALTHY.tlog")
+    graft.add_argument(
+        "--fault",
+        action="append",
+        required=True,
+        metavar="FAULT",
+        help='as in "rotor=3 effectiveness=0.6 at=120", rotor as the autopilot counts from 1; or unbalance=GMM, '
+        "drag=FACTOR, telemetry=lost|frozen, telemetry=swapped with=M; ramp=S",
+    )
+    graft.add_argument("-o", "--output", required=True, metavar="FAULTY.tlog")
+    graft.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
+
+    detect = commands.add_parser("detectability", help="which faults would be found on this airframe")
+    detect.add_argument("files", nargs="+", metavar="HEALTHY.tlog")
+    detect.add_argument(
+        "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
+    )
+    detect.add_argument("--trials", type=_count, default=16, metavar="N", help="a row (default 16)")
+    detect.add_argument("--seed", type=int, default=1, help="of the times drawn")
+
     demo = commands.add_parser("demo", help="a simulated vehicle loses a propeller before your eyes")
     demo.add_argument(
         "scenario", nargs="?", default="demo", metavar="SCENARIO", help="another flight to show"
@@ -156,6 +177,12 @@ def _positive(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
     return value
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
+    return int(text)
 
 
 def _not_negative(text: str) -> float:

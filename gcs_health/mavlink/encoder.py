@@ -60,6 +60,12 @@ def pack(message: Message, payload: bytes, sequence: int, system: int, component
     return bytes((MAGIC_V2,)) + head + payload + crc.to_bytes(2, "little")
 
 
+def pack_v1(message: Message, payload: bytes, like: bytes) -> bytes:
+    """Return a MAVLink 1 frame with the header of the frame `like`, whose payload was as long."""
+    body = like[1:6] + payload
+    return like[:1] + body + mcrf4xx(body + bytes((message.crc_extra,))).to_bytes(2, "little")
+
+
 def clipped(value: float, low: int, high: int) -> int:
     """Return the nearest whole number that the wire field holds; NaN becomes `high`, "not known"."""
     return high if math.isnan(value) else min(max(round(value), low), high)
