@@ -1,8 +1,6 @@
 """`gcs-health graft`: put a fault into a recorded healthy flight."""
 
 import argparse
-import json
-from dataclasses import asdict
 from pathlib import Path
 
 from gcs_health.cli import DONE
@@ -11,6 +9,7 @@ from gcs_health.simulate.flight import record
 from gcs_health.simulate.graft import Graft
 from gcs_health.simulate.graft_fault import parse_fault
 from gcs_health.simulate.recording import first_pass, read_frames
+from gcs_health.simulate.truth import grafted
 from gcs_health.vehicle_file import load_vehicle
 
 SAID = {
@@ -37,17 +36,12 @@ def run(options: argparse.Namespace) -> int:
         if fault.effect == "effectiveness" and not ((flown.opened > at) & (flown.opened < at + 1.0)).any():
             print("  at that time the monitor gives no verdicts (not flying freely, or still settling)")
     path = Path(options.output)
-    truth = {
-        "grafted_into": Path(options.file).name,
-        "simulated": False,
-        "faults": [asdict(fault) | {"vehicle_time_s": flown.first_t + fault.at} for fault in faults],
-    }
     beside = path.with_suffix(".truth.json")
     try:
         path.write_bytes(b"".join(record(stamp, raw) for stamp, raw in frames))
-        beside.write_text(
-            json.dumps(truth, indent=2, default=str).replace("NaN", "null") + "\n", encoding="utf-8"
-        )
+        stamps = [stamp for stamp, _ in frames]
+        truth = grafted(faults, flown, Path(options.file).name, path.name, stamps)
+        beside.write_text(truth, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot write: {error.strerror}") from None
     print(f"{path}: {edited} of {len(frames)} frames edited; the truth is in {beside.name}")

@@ -8,8 +8,9 @@ from gcs_health.cli import DONE, INTERRUPTED
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.endpoints import Links, now_us
 from gcs_health.mavlink.spellings import parse_endpoint
-from gcs_health.simulate.flight import Flight, record, truth
+from gcs_health.simulate.flight import Flight, record
 from gcs_health.simulate.scenario import load_scenario, shipped
+from gcs_health.simulate.truth import simulated
 
 TICK = 0.004  # s between looks at the clock
 BEHIND_US = 1_000_000  # so late, the machine cannot keep up
@@ -44,12 +45,13 @@ def run(options: argparse.Namespace) -> int:
 def _write(flight: Flight, path: Path, signals: str | None) -> None:
     try:
         with path.open("wb") as log:
-            count = 0
+            count = first = 0
             for stamp, frame in flight.run():
+                first = first or stamp
                 log.write(record(stamp, frame))
                 count += 1
         beside = path.with_suffix(".truth.json")
-        beside.write_text(truth(flight.scenario), encoding="utf-8")
+        beside.write_text(simulated(flight.scenario, path.name, first), encoding="utf-8")
         if signals:
             _write_signals(flight, Path(signals))
     except OSError as error:

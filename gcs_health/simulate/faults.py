@@ -142,7 +142,7 @@ class PlantFaults:
 
 def described(fault: Fault) -> dict[str, Any]:
     """Return the fault as `truth.json` has it: motors from 1, MAVLink's word where one fits."""
-    out: dict[str, Any] = {"kind": fault.kind, "motor": int(fault.rotor) + 1, "at_s": float(fault.at)}
+    out: dict[str, Any] = {"kind": fault.kind, "rotor": int(fault.rotor) + 1}
     if fault.size == fault.size:
         out["size"] = float(fault.size)
         out["size_is"] = KINDS[fault.kind].size

@@ -1,6 +1,5 @@
 """One simulated flight: frames out as a ground station would receive them, commands in."""
 
-import json
 import math
 import struct
 from collections.abc import Iterator
@@ -12,7 +11,6 @@ from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.encoder import Encoder
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.simulate.booms import Booms
-from gcs_health.simulate.faults import described
 from gcs_health.simulate.link import Air
 from gcs_health.simulate.scenario import Scenario
 from gcs_health.simulate.telemetry import UNIX_BOOT_US, Parameter, Telemetry
@@ -157,24 +155,3 @@ class Flight:
 def record(stamp: int, frame: bytes) -> bytes:
     """Return one record of a .tlog."""
     return struct.pack(">Q", stamp) + frame
-
-
-def truth(scenario: Scenario) -> str:
-    """Return `truth.json`: what was flown, and what broke when on which motor."""
-    plan = scenario.trajectory
-    first = UNIX_BOOT_US + 5_000_000
-    faults = [
-        described(fault) | {"at_unix_us": first + round(float(fault.at) * 1e6)} for fault in scenario.faults
-    ]
-    told = {
-        "scenario": scenario.name,
-        "about": scenario.about,
-        "seed": scenario.seed,
-        "vehicle": scenario.vehicle.name,
-        "motors": len(scenario.vehicle.rotors),
-        "autopilot": scenario.telemetry.autopilot,
-        "flight": {"kind": plan.kind, "duration_s": plan.duration, "flying_from_s": plan.flying_from},
-        "simulated": True,
-        "faults": faults,
-    }
-    return json.dumps(told, indent=2) + "\n"

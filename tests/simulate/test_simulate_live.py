@@ -109,7 +109,7 @@ def test_simulate_lists_writes_and_refuses(tmp_path: Path) -> None:
     assert wrote.returncode == 0, wrote.stderr
     assert out.stat().st_size > 50_000
     told = json.loads((tmp_path / "flight.truth.json").read_text())
-    assert told["faults"][0]["motor"] == 3
+    assert told["truth"]["rotor"] == 3
     for arguments, words in (
         (("simulate",), "which scenario?"),
         (("simulate", "lost_propeller"), "where to?"),

@@ -49,9 +49,9 @@ def heartbeat(kind: int = 2, autopilot: int = 12) -> object:
 def test_the_shipped_flight_names_the_lost_propeller_soon_and_nothing_else() -> None:
     alerts = [e for e in replay(FLIGHT) if isinstance(e, AlertEvent)]
     assert [(a.state, a.code, a.motor, a.rotor) for a in alerts] == [
-        ("raised", "ROTOR_FAILED", TRUTH["motor"], TRUTH["motor"] - 1)
+        ("raised", "ROTOR_FAILED", TRUTH["rotor"], TRUTH["rotor"] - 1)
     ]
-    assert 0.0 < alerts[0].t - TRUTH["lost_at_vehicle_s"] < 0.15
+    assert 0.0 < alerts[0].t - TRUTH["vehicle_time_s"] < 0.15
     assert alerts[0].probability > 0.9
     assert "front left" in alerts[0].text
     assert len(alerts[0].text) <= 80
@@ -60,8 +60,8 @@ def test_the_shipped_flight_names_the_lost_propeller_soon_and_nothing_else() -> 
 def test_paper_mode_finds_it_too() -> None:
     alerts = [e for e in replay(FLIGHT, mode="paper") if isinstance(e, AlertEvent)]
     assert alerts
-    assert alerts[0].motor == TRUTH["motor"]
-    assert 0.0 < alerts[0].t - TRUTH["lost_at_vehicle_s"] < 0.3
+    assert alerts[0].motor == TRUTH["rotor"]
+    assert 0.0 < alerts[0].t - TRUTH["vehicle_time_s"] < 0.3
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 4096])
