@@ -77,10 +77,12 @@ class Records(NamedTuple):
 def find(data: bytes, dialect: Dialect) -> Records:
     """Find all good records in a piece of a .tlog."""
     raw = np.frombuffer(data, np.uint8)
-    # a magic byte, its length and its flags must be there for an outline
-    magic = raw[STAMP_LENGTH : max(len(raw) - 2, STAMP_LENGTH)]
+    magic = raw[STAMP_LENGTH:]
     places = np.flatnonzero((magic == MAGIC_V2) | (magic == MAGIC_V1))
     places = places[(raw[places] == 0) & (raw[places + 1] <= LATEST_STAMP_BYTE)]
+    # a magic byte, its length and its flags must be there for an outline
+    headless = places[places + STAMP_LENGTH + 2 >= len(raw)]
+    places = places[: len(places) - len(headless)]
     starts = places + STAMP_LENGTH
     v2 = raw[starts] == MAGIC_V2
     flags = np.where(v2, raw[starts + 2], 0)
@@ -89,7 +91,7 @@ def find(data: bytes, dialect: Dialect) -> Records:
     whole = ends <= len(raw)
     good = whole & (flags <= SIGNED)
     _check(data, starts, v2, good, dialect)
-    partial, places, ends = places[~whole], places[good], ends[good]
+    partial, places, ends = np.concatenate([places[~whole], headless]), places[good], ends[good]
     follows = np.zeros(len(places), dtype=np.bool_)
     follows[:-1] = ends[:-1] == places[1:]
     return Records(places, ends, np.flatnonzero(~follows), partial)

@@ -100,6 +100,15 @@ def test_columns_record_by_record_and_any_cuts_agree(
     assert run(data, edges[:2], True, (KEY,)) == singly
 
 
+def test_a_record_whose_header_is_cut_is_found_after_garbage_in_a_large_piece() -> None:
+    """Columns and record by record wait at the same place: a magic byte without length or flags behind it."""
+    calm = b"".join(piece("good", 0, k, True) for k in range(400))
+    data = calm + b"\x55" * 40 + b"".join(piece("good", 0, 400 + k, True) for k in range(3))
+    expected = run(data, list(range(0, len(data), 300)), True, ())
+    for cut in range(len(calm) + 1, len(data)):
+        assert run(data, [cut], True, ()) == expected
+
+
 @settings(max_examples=150, deadline=None)
 @given(streams, st.booleans(), st.sampled_from([64, 1 << 18]))
 def test_no_dirt_holds_back_the_good_frames_behind_it(parts: list[Piece], stamped: bool, chunk: int) -> None:
