@@ -182,6 +182,11 @@ class RotorTelemetry:
         self._channels = dict(channels)
         self._find_channels()
 
+    @property
+    def output_channels(self) -> tuple[int, ...]:
+        """The output channel, from 0, of each rotor."""
+        return self._channel_of
+
     def feed(self, t: float, sample: Sample) -> RotorReading | CommandReading | None:
         """Return what is new of the rotors at vehicle time `t` [s]; None if nothing or no airframe is."""
         if isinstance(sample, EscStatus):

@@ -66,6 +66,12 @@ def pack_v1(message: Message, payload: bytes, like: bytes) -> bytes:
     return like[:1] + body + mcrf4xx(body + bytes((message.crc_extra,))).to_bytes(2, "little")
 
 
+def pack_v2(message: Message, payload: bytes, like: bytes) -> bytes:
+    """Return an unsigned MAVLink 2 frame with the header of the frame `like`, and this payload, not cut."""
+    body = bytes((len(payload), 0)) + like[3:10] + payload
+    return like[:1] + body + mcrf4xx(body + bytes((message.crc_extra,))).to_bytes(2, "little")
+
+
 def clipped(value: float, low: int, high: int) -> int:
     """Return the nearest whole number that the wire field holds; NaN becomes `high`, "not known"."""
     return high if math.isnan(value) else min(max(round(value), low), high)
