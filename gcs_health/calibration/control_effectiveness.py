@@ -45,6 +45,8 @@ class EffectivenessPrior:
     high_pass: float = 1.0  # s
     block: float = 0.02  # s, averaging before the regression
     least_r2: float = 0.1
+    least_time: float = 2.0  # s of changes before they teach; this project
+    apart: float = 0.1  # s between independent samples of manoeuvres; this project
     level_block: float = 0.03  # s, averaging before the level
     level_memory: float = 20.0  # s
     level_settle: float = 1.0  # s
@@ -135,15 +137,18 @@ class ControlEffectiveness:
                 self.thrust = learned
                 self._apply()
 
-    def learn_moments(self, roll: tuple[float, float], pitch: tuple[float, float]) -> None:
-        """Take (direct, R²) of measured on presently predicted acceleration, roll and pitch."""
+    def learn_moments(self, roll: tuple[float, float], pitch: tuple[float, float], time: float) -> None:
+        """Take (direct, R²) of measured on presently predicted acceleration, roll and pitch, of `time` s."""
+        if time < self.prior.least_time:
+            return
         for axis, (slope, r2) in enumerate((roll, pitch)):
             if self.given[axis] or r2 < self.prior.least_r2 or slope <= 0.0:
                 continue
             gap = -0.5 * math.log(min(r2, 0.999))  # half the distance of direct and inverse
             learned = math.log(slope) + gap + math.log(self._scale[axis])
             spread = self.prior.spread
-            weight = spread * spread / (spread * spread + gap * gap + 1e-3)
+            chance = (1.0 - r2) / r2 * self.prior.apart / time  # variance of the logarithm of the slope
+            weight = spread * spread / (spread * spread + gap * gap + chance + 1e-3)
             low, high = self.prior.bounds
             self._scale[axis] = min(max(math.exp(weight * learned), low), high)
         self._apply()

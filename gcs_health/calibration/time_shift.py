@@ -29,6 +29,8 @@ class ShiftConfig:
     least_r2: float = 0.2
     gain: float = 0.1  # share of what lag 0 leaves unexplained that the best lag must explain
     least_change: float = 0.003  # s
+    agree: int = 2  # verdicts on end that must agree; this project
+    agree_within: float = 0.004  # s
 
 
 class TimeShift:
@@ -37,6 +39,8 @@ class TimeShift:
     def __init__(self, config: ShiftConfig | None = None) -> None:
         self.config = config or ShiftConfig()
         self.shift = 0.0
+        self._last_found = math.inf
+        self._agreeing = 0
         self.r2 = 0.0  # of the best lag
         self._tick = math.nan
         self._start_over(0.01)
@@ -108,6 +112,12 @@ class TimeShift:
         total = self.shift + (best - self._ahead + offset) * self._tick
         total = min(max(total, c.earliest), c.latest)
         if abs(total - self.shift) < c.least_change:
+            self._agreeing = 0
+            return False
+        # a single manoeuvre can look late; only what a second look confirms is believed
+        self._agreeing = self._agreeing + 1 if abs(total - self._last_found) < c.agree_within else 1
+        self._last_found = total
+        if self._agreeing < c.agree:
             return False
         self.shift = total
         self._start_over(self._tick)

@@ -349,7 +349,9 @@ class RecommendedBank:
         was = self.contradicted
         if self.gains.learns:
             self.gains.learn_moments(
-                self.regression.axis(0, self.gains.roll), self.regression.axis(1, self.gains.pitch)
+                self.regression.axis(0, self.gains.roll),
+                self.regression.axis(1, self.gains.pitch),
+                self.regression.time,
             )
         fits = self._fits()
         g = self.config.geometry

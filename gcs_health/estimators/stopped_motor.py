@@ -2,8 +2,9 @@
 
 Its effectiveness cannot be seen, since h_i = 0. The rule: below 25 % of hover speed for more than
 50 ms, while every other rotor turns above that and they average more than 60 %, in a flight that was
-under way. A rotor that never turned, one that is commanded off, and the single-rotor excitations of a
-hand throw are not failures.
+under way. A rotor that never turned, one that is commanded off or low, and the single-rotor excitations
+of a hand throw are not failures. Without commands it must last longer: a hard roll or brake idles a rotor
+for a quarter of a second and more.
 
 Source: sheet 1 section 7, step 8; the guards are this project's.
 """
@@ -19,7 +20,9 @@ class StoppedConfig:
     stopped: float = 0.25  # of hover speed
     standing: float = 0.05  # of hover speed, where a loss elsewhere could idle this one unnamed
     others: float = 0.6  # of hover speed, mean of the others
-    hold: float = 0.05  # s
+    hold: float = 0.05  # s, where the commands say that it should turn
+    hold_unasked: float = 0.4  # s, without commands: hard flying idles a rotor that long; this project
+    asked: float = 0.5  # of the others' mean command; less is an order to turn slowly; this project
     flying: float = 0.5  # s that the others must have flown before
     command_off: float = 0.02  # a command below this is an order to stand still
 
@@ -68,12 +71,25 @@ class StoppedMotor:
         if not slow:
             self._all_turn = count == self.rotors
             return None
-        rotor = slow[0]
+        return slow[0] if self._has_stopped(t, slow[0], commands) else None
+
+    def _has_stopped(self, t: float, rotor: int, commands: list[float]) -> bool:
+        """Whether the one slow rotor once turned, is to turn, and has been slow long enough in flight."""
+        c = self.config
         if not self._turned[rotor] or commands[rotor] < c.command_off:
-            return None
-        long_enough = t - self._low_since[rotor] > c.hold
+            return False
+        asked = self._asked(rotor, commands)
+        if asked is False:
+            return False
+        long_enough = t - self._low_since[rotor] > (c.hold if asked else c.hold_unasked)
         flew_before = self._low_since[rotor] - self._flying_since > c.flying
-        return rotor if long_enough and flew_before else None
+        return long_enough and flew_before
+
+    def _asked(self, rotor: int, commands: list[float]) -> bool | None:
+        """Whether the rotor is commanded to turn about as the others do; None where commands are not known."""
+        others = sum(commands) - commands[rotor]
+        share = commands[rotor] * (self.rotors - 1)
+        return None if share != share or others != others else share >= self.config.asked * others
 
     def _sort(self, t: float, speeds: list[float], low: float) -> tuple[list[int], float, int]:
         """Return the slow rotors, the sum of all speeds and how many report."""

@@ -110,6 +110,16 @@ def test_a_stopped_motor_has_its_own_rule_and_its_effectiveness_is_unknown() -> 
     assert told[0].failure_probability > 0.9
     assert told[0].status is Status.UNOBSERVABLE
     assert math.isnan(told[0].value)
+    assert told[0].t < 7.0 + 0.55  # without commands: a hard roll idles a rotor for a quarter of a second
+
+
+def test_a_motor_commanded_to_turn_that_does_not_is_named_at_once() -> None:
+    estimator = EffectivenessEstimator(airframe(6))
+    told = []
+    for reading in fly(Scenario(6, duration=8.0, stopped=4)):
+        estimator.feed(CommandReading(reading.t, (0.5,) * 6))
+        told += estimator.feed(reading)
+    assert [(estimate.rotor, estimate.reasons) for estimate in told] == [(4, (Reason.MOTOR_STOPPED,))]
     assert told[0].t < 7.0 + 0.15
 
 
