@@ -4,6 +4,7 @@ Live, replay, tests and benchmarks all call this `Monitor`. It does no I/O and r
 a function of configuration, bytes and stamps, whatever the chunking.
 """
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -81,6 +82,11 @@ class Monitor:
         """Return (receive stamp, frame) of all frames since the last call, for a recorder."""
         raw, self._raw = self._raw, []
         return raw
+
+    def copy(self) -> "Monitor":
+        """Return a second monitor that goes on from here by itself; a `tap` would hear of both."""
+        shared = (self.config, self.dialect, self._messages)  # none of them changes
+        return copy.deepcopy(self, {id(part): part for part in shared})
 
     def vehicles(self) -> list[VehicleMonitor]:
         """Return the vehicles seen so far."""

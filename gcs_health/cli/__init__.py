@@ -116,8 +116,9 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         required=True,
         metavar="FAULT",
-        help='as in "rotor=3 effectiveness=0.6 at=120", rotor as the autopilot counts from 1; or unbalance=GMM, '
-        "drag=FACTOR, telemetry=lost|frozen, telemetry=swapped with=M; ramp=S",
+        help='as in "rotor=3 effectiveness=0.6 at=120"; rotor: the motor as the autopilot counts, from 1; at, until: '
+        "seconds after the log's first datum; effectiveness: what is left, from 0.3; or unbalance=GMM (g mm), "
+        "drag=FACTOR, telemetry=lost|frozen, telemetry=swapped with=M; ramp=S grows it slowly",
     )
     graft.add_argument("-o", "--output", required=True, metavar="FAULTY.tlog")
     graft.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
@@ -127,8 +128,11 @@ def _parser() -> argparse.ArgumentParser:
     detect.add_argument(
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )
-    detect.add_argument("--trials", type=_count, default=16, metavar="N", help="a row (default 16)")
-    detect.add_argument("--seed", type=int, default=1, help="of the times drawn")
+    detect.add_argument(
+        "--trials", type=_count, default=8, metavar="N", help="moments at which every motor fails (default 8)"
+    )
+    detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
+    detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
     demo = commands.add_parser("demo", help="a simulated vehicle loses a propeller before your eyes")
     demo.add_argument(

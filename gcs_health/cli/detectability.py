@@ -1,127 +1,136 @@
 """`gcs-health detectability`: what would be found on this airframe, with its noise and its rates."""
 
 import argparse
+import json
 import math
 import sys
-from collections.abc import Iterator
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 
-from gcs_health.airframe import Airframe
 from gcs_health.cli import DONE
-from gcs_health.errors import ConfigError
-from gcs_health.pipeline import Monitor, MonitorConfig
-from gcs_health.record.events import AlertEvent
-from gcs_health.simulate.graft import Graft
-from gcs_health.simulate.graft_fault import GraftFault
-from gcs_health.simulate.recording import Flown, first_pass, read_frames
+from gcs_health.errors import ConfigError, LogError
+from gcs_health.simulate.detect import WINDOW, Course, Trial, faults, median_interval, wilson
+from gcs_health.simulate.recording import read_frames
 from gcs_health.vehicle_file import load_vehicle
 
-LADDER = (0.8, 0.7, 0.6, 0.5, 0.4)  # what is left of the rotor
-WINDOW = 2.0  # s after the fault in which an alert counts
-QUANTILES = (50.0, 97.5)
+SCHEMA = "gcs_health.detectability/1"
+ROW = "{:<18}{:<7}{:<19}{:<22}{:>9}{:>13}"
+FOOT = f"""
+left: of the rotor's thrust after a sudden loss, grafted by the linear model. found: the right motor named
+within {WINDOW:g} s. Intervals: 95 %, Wilson and order statistics. Every motor fails at the same moments. wrong alarm:
+another motor named, or any motor where only telemetry failed. Trials at one moment are not independent: read "all"
+as somewhat less sure than its interval. Telemetry faults, unbalance and drag are not looked for yet."""
 
 
 def run(options: argparse.Namespace) -> int:
     """Graft the ladder over every rotor into every flight; print what was found."""
     airframe = load_vehicle(options.vehicle) if options.vehicle else None
-    flights = []
-    for name in options.files:
-        frames = read_frames(name)
-        flown = first_pass(name, frames, airframe)
-        if not len(_starts(flown)):
-            raise ConfigError(f"{name}: the gate never opens for long: no moment to judge a fault at")
-        flights.append((frames, flown))
-    numbers = [rotor.motor for rotor in flights[0][1].airframe.rotors]
-    plural = "s" if len(flights) > 1 else ""
-    print(f"{len(flights)} flight{plural}, {len(numbers)} motors, {options.trials} trials a row\n")
-    print(ROW.format("left", "found", "right", "median ms", "97.5 % ms", "too early", "found, by motor"))
-    for left in LADDER:
-        trials = list(_trials(flights, airframe, left, options.trials, options.seed))
-        found = [trial for trial in trials if trial.delay == trial.delay]
-        low, high = wilson(len(found), len(trials))
-        quantiles = np.percentile([trial.delay for trial in found], QUANTILES) * 1e3 if found else ()
-        delays = [f"{value:.0f}" for value in quantiles] or ["-", "-"]
-        right, early = sum(trial.right for trial in found), sum(trial.early for trial in trials)
-        by_motor = " ".join(_share(trials, motor) for motor in numbers)
-        share = f"{len(found)}/{len(trials)} ({low:.0%}-{high:.0%})"
-        print(ROW.format(f"{left:.1f}", share, f"{right}/{len(found)}", *delays, early, by_motor))
-    print(
-        "\nleft: what is left of the rotor's thrust after a sudden loss, grafted by the linear model. Intervals:"
-        "\nWilson, 95 %. Unbalance, drag and telemetry faults have no estimator yet that would find them."
-    )
+    courses = [Course(name, read_frames(name), airframe) for name in options.files]
+    motors = [rotor.motor for rotor in courses[0].flown.airframe.rotors]
+    for course in courses[1:]:
+        if [rotor.motor for rotor in course.flown.airframe.rotors] != motors:
+            raise LogError(f"{course.name}: other motors than in {courses[0].name}; one vehicle at a time")
+    for k, course in enumerate(courses):
+        rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(k,)))
+        if not course.choose(math.ceil(options.trials / len(courses)), rng):
+            raise LogError(f"{course.name}: the gate never opens for long: no moment to judge a fault at")
+    with _Lines(options.jsonl) as lines:
+        _report(courses, motors, options, lines)
     return DONE
 
 
-ROW = "{:<6}{:<20}{:<9}{:>10}{:>11}{:>11}   {}"
+class _Lines:
+    """The JSON lines, where asked for; a context manager. `text` is where the table goes."""
+
+    def __init__(self, name: str | None) -> None:
+        self.text: TextIO = sys.stderr if name == "-" else sys.stdout
+        self._file: TextIO | None = None
+        try:
+            # for as long as the table is being made
+            self._own = Path(name).open("w", encoding="utf-8") if name and name != "-" else None  # noqa: SIM115
+        except OSError as error:
+            raise ConfigError(f"{name}: cannot write the JSON lines: {error.strerror}") from None
+        self._file = sys.stdout if name == "-" else self._own
+
+    def __enter__(self) -> "_Lines":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._own is not None:
+            self._own.close()
+
+    def write(self, row: dict[str, Any]) -> None:
+        if self._file is not None:
+            known = {key: None if isinstance(v, float) and math.isnan(v) else v for key, v in row.items()}
+            self._file.write(json.dumps(known) + "\n")
 
 
-class Trial(NamedTuple):
-    """One graft: motor, delay [s] (NaN = not found), motor named rightly, alarm before the fault."""
+def _report(courses: list[Course], motors: list[int], options: argparse.Namespace, lines: _Lines) -> None:
+    count = sum(len(course.starts) for course in courses)
+    opened = sum(course.open_time for course in courses)
+    head = {"schema": SCHEMA, "files": options.files, "motors": motors, "seed": options.seed}
+    lines.write(head | {"starts": count, "open_gate_s": round(opened, 3), "window_s": WINDOW})
+    plural = "s" if len(courses) > 1 else ""
+    print(
+        f"{len(courses)} flight{plural}, verdicts possible for {opened:.0f} s of it, in which healthy nothing is "
+        f"named\n{len(motors)} motors, {count} moment{'s' if count > 1 else ''} each, seed {options.seed}\n",
+        file=lines.text,
+    )
+    print(
+        ROW.format("fault", "motor", "found", "median ms", "97.5 % ms", "wrong alarm"),
+        file=lines.text,
+    )
+    for effect, size, many in faults(courses[0].flown):
+        _progress(f"{effect} {size:g}")
+        by_motor = [
+            [course.trial(start, fault) for course in courses for start in range(len(course.starts))]
+            for fault in many
+        ]
+        _progress("")
+        everything = [trial for trials in by_motor for trial in trials]
+        name = f"{size:g} left" if size == size else effect
+        rows = zip(["all", *motors], [everything, *by_motor], strict=True)
+        for motor, trials in rows if size == size else [("all", everything)]:
+            row = _row(trials, named_is_wrong=size != size)
+            print(_text(name, str(motor), row), file=lines.text, flush=True)
+            lines.write({"fault": effect, "size": size, "motor": None if motor == "all" else motor} | row)
+            name = ""
+    print(FOOT, file=lines.text)
 
-    motor: int
-    delay: float
-    right: bool
-    early: bool
+
+def _row(trials: list[Trial], *, named_is_wrong: bool) -> dict[str, Any]:
+    """Return what a row of the table says, delays in seconds."""
+    right = [] if named_is_wrong else [trial.delay for trial in trials if trial.found]
+    wrong = sum(trial.named != 0 for trial in trials) - len(right)
+    low, high = wilson(len(right), len(trials))
+    median_low, median_high = median_interval(right)
+    return {
+        "trials": len(trials),
+        "found": None if named_is_wrong else len(right),
+        "found_low": math.nan if named_is_wrong else round(low, 4),
+        "found_high": math.nan if named_is_wrong else round(high, 4),
+        "median_s": round(float(np.median(right)), 4) if right else math.nan,
+        "median_low_s": round(median_low, 4),
+        "median_high_s": round(median_high, 4),
+        "p97_5_s": round(float(np.percentile(right, 97.5)), 4) if right else math.nan,
+        "wrong": wrong,
+    }
 
 
-def _share(trials: list[Trial], motor: int) -> str:
-    mine = [trial for trial in trials if trial.motor == motor]
-    return f"{sum(trial.delay == trial.delay for trial in mine)}/{len(mine)}"
+def _text(name: str, motor: str, row: dict[str, Any]) -> str:
+    found = "-"
+    if row["found"] is not None:
+        found = f"{row['found']}/{row['trials']} ({row['found_low']:.0%}-{row['found_high']:.0%})"
+    median, low, high, late = (1e3 * row[k] for k in ("median_s", "median_low_s", "median_high_s", "p97_5_s"))
+    between = f" ({low:.0f}-{high:.0f})" if low == low else ""
+    delay = f"{median:.0f}{between}" if median == median else "-"
+    return ROW.format(
+        name, motor, found, delay, f"{late:.0f}" if late == late else "-", f"{row['wrong']}/{row['trials']}"
+    )
 
 
-def _trials(
-    flights: list[tuple[list[tuple[int, bytes]], Flown]],
-    airframe: Airframe | None,
-    left: float,
-    count: int,
-    seed: int,
-) -> Iterator[Trial]:
-    """Yield the trials of one row of the ladder: every motor in turn, at times drawn from the seed."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(round(left * 100),)))
-    for k in range(count):
-        frames, flown = flights[k % len(flights)]
-        rotors = flown.airframe.rotors
-        motor = rotors[(k // len(flights)) % len(rotors)].motor
-        at = float(rng.choice(_starts(flown)))
-        fault = GraftFault(motor, "effectiveness", at - flown.first_t, left)
-        if sys.stderr.isatty():
-            print(f"\r{left:.1f} left: {k + 1}/{count} ", end="", file=sys.stderr, flush=True)
-        yield _trial(frames, flown, airframe, fault, at)
+def _progress(what: str) -> None:
     if sys.stderr.isatty():
-        print("\r" + " " * 40 + "\r", end="", file=sys.stderr)
-
-
-def _trial(
-    frames: list[tuple[int, bytes]], flown: Flown, airframe: Airframe | None, fault: GraftFault, at: float
-) -> Trial:
-    monitor = Monitor(MonitorConfig(airframe=airframe))
-    for stamp, raw in Graft(flown, fault).frames(frames):
-        for event in monitor.feed(raw, stamp):
-            if isinstance(event, AlertEvent) and event.state == "raised":
-                if event.t < at:
-                    return Trial(fault.motor, math.nan, False, True)
-                return Trial(fault.motor, event.t - at, event.motor == fault.motor, False)
-        vehicles = monitor.vehicles()
-        # before the vehicle's clock is known, times are on another axis
-        if vehicles and vehicles[0].clock.settled and vehicles[0].last_t > at + WINDOW:
-            break
-    return Trial(fault.motor, math.nan, False, False)
-
-
-def _starts(flown: Flown) -> np.ndarray:
-    """Return the times at which verdicts could be given, with room behind for the fault to show."""
-    opened = flown.opened
-    return opened[opened < flown.last_t - 0.6] if len(opened) else opened
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a share."""
-    if not count:
-        return 0.0, 1.0
-    z = 1.959964
-    share = hits / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+        print(f"\r{what:<30}\r", end="", file=sys.stderr, flush=True)

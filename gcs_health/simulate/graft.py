@@ -1,21 +1,18 @@
 """A fault put into a recorded healthy flight, so that the recording looks as if it had happened.
 
-Partial loss theta of rotor i, from its time on; b_j the rotor's column of geometry, u its squared speed:
+effectiveness   IMU, rates of ATTITUDE, rotor speeds, currents, motor outputs: `graft_loss.py`, `graft_commands.py`
+unbalance       accelerations: m_u r_u w² / m, turning with the rotor, through the stream's own filter
+drag            that motor's current
+telemetry       the ESC's telemetry: `graft_escs.py`
 
-    D_row(t) = -theta G_row,i u_i(t)                     wrench that is missing
-    p''  = D' - 2 p' / tau - p / tau²                    what roll, pitch, yaw rate show of it (rate loop)
-    a_z  += D_z exp(-(t - t0) / tau_z)                   what the accelerometer shows (height loop)
-    B diag(1 - theta e_i) du = theta b_i u_i             speeds that restore the wrench, least in squares
-    u_j  += share(t) du_j                                share = what the loops have answered by then
-
-Unbalance m_u r_u adds (m_u r_u w² / m) |H(w)| cos(th + arg H) along x, its quadrature along y, H the stream's
-filter. Drag multiplies the current. Telemetry faults are exact. All else of the recording stays as it is;
-commands stay too. Source: sheet 1 section 2; sheet 2 section 5; mavlink.md sections 3 to 5.
+Stamps, order, sequence numbers, senders and every other byte stay; the CRC of an edited frame is made anew.
+Source: sheet 1 section 2; sheet 2 section 5; mavlink.md sections 3 to 5.
 """
 
 import cmath
 import math
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,23 +20,32 @@ from numpy.typing import NDArray
 from gcs_health.errors import ConfigError
 from gcs_health.gate import GRAVITY
 from gcs_health.mavlink.dialect import Dialect, default_dialect
-from gcs_health.samples import EscStatus, EscTelemetry, Imu
+from gcs_health.samples import EscInfo, EscStatus, EscTelemetry, Imu, Outputs
+from gcs_health.simulate.graft_commands import learned
+from gcs_health.simulate.graft_escs import TelemetryFault
 from gcs_health.simulate.graft_fault import GraftFault
+from gcs_health.simulate.graft_loss import GRID, loss_of
 from gcs_health.simulate.recording import Flown, Recorded, is_signed, repacked, unpacked, with_times
 
 Array = NDArray[np.float64]
-RATE_LOOP, HEIGHT_LOOP = 0.12, 0.3  # s
-GRID = 0.001  # s
+Fields = dict[str, Any]
 RPM = 30.0 / math.pi
-HIGHRES_IMU, ATTITUDE = 105, 30
+HIGHRES_IMU, ESC_STATUS = 105, 291
+ATTITUDES = (30, 31)  # ATTITUDE, ATTITUDE_QUATERNION
+RATES = ("rollspeed", "pitchspeed", "yawspeed")
 MILLI_G = 1000.0 / GRAVITY
 # scale of (acc, gyro) on the wire: SI, or mG and mrad/s
 IMU_UNITS = {HIGHRES_IMU: (1.0, 1.0), **dict.fromkeys((26, 27, 116, 129), (MILLI_G, 1e3))}
-AP_SILENT = 1.0  # s after which ArduPilot says 0 rpm
+DEEP = 0.5  # of effectiveness; below, the simulator's own flights differ after a second
 
 
 class Graft:
     """Edits the frames of one flight for one fault; `frames` does it.
+
+    Attributes
+    ----------
+    edited : frames that it changed. stamp : receive stamp of the fault's beginning [UNIX µs].
+    notes : what the user should know of how true this one is.
 
     Raises
     ------
@@ -49,143 +55,216 @@ class Graft:
     def __init__(self, flown: Flown, fault: GraftFault, dialect: Dialect | None = None) -> None:
         self.flown, self.fault = flown, fault
         self.dialect = dialect or default_dialect()
-        self.edited = 0
-        rotors = flown.airframe.rotors
-        self._rotor = self._index(fault.motor)
-        self._other = self._index(fault.other) if fault.other else -1
+        self.edited = self.stamp = 0
+        self.notes: list[str] = []
+        self._rotor = self._index("rotor", fault.motor)
         self._at = flown.first_t + fault.at
         if not self._at < flown.last_t:
-            raise ConfigError(
-                f"--fault: at: {fault.at:g} s is after the end, the flight lasts "
-                f"{flown.last_t - flown.first_t:.0f} s"
+            _refuse(
+                "at",
+                f"{fault.at:g} s is after the end, the flight lasts {flown.last_t - flown.first_t:.0f} s",
             )
-        self._escs = [rotor.esc for rotor in rotors]
-        self._held: dict[int, tuple[Any, ...]] = {}
-        self._mass = flown.airframe.mass
-        if fault.effect == "unbalance" and not self._mass:
-            raise ConfigError(
-                "--fault: unbalance: needs the mass in the vehicle file, to become an acceleration"
-            )
-        if fault.effect == "effectiveness":
-            self._prepare_loss()
-        elif fault.effect == "unbalance":
-            self._prepare_phase()
+        rotors = flown.airframe.rotors
+        self._escs = {rotor.esc: k for k, rotor in enumerate(rotors)}
+        self._channels = tuple(enumerate(flown.channels))
+        getattr(self, f"_prepare_{fault.effect}")()
 
-    def _index(self, motor: int) -> int:
+    def _index(self, key: str, motor: int) -> int:
         numbers = [rotor.motor for rotor in self.flown.airframe.rotors]
         if motor not in numbers:
-            raise ConfigError(f"--fault: rotor: the vehicle has motors 1 to {max(numbers)}, got {motor}")
+            _refuse(key, f"the vehicle has motors {', '.join(map(str, numbers))}, got {motor}")
         return numbers.index(motor)
 
-    # -- what the fault does, on a grid of a millisecond ----------------------------------------------
+    # -- each fault's preparation ---------------------------------------------------------------------
 
-    def _speed(self, rotor: int, t: Array) -> Array:
-        out: Array = np.interp(t, self.flown.rotor_t, self.flown.speed[:, rotor])
-        return out
+    def _prepare_effectiveness(self) -> None:
+        self._loss = loss = loss_of(self.flown, self._rotor, self.fault)
+        self._commands = learned(self.flown)
+        if not self._commands:
+            self.notes.append("motor outputs stay as recorded: none here that follows the rotor speeds")
+        most = float(np.max(self.flown.speed))
+        asked = (
+            np.array([np.interp(loss.t, self.flown.rotor_t, w) for w in self.flown.speed.T]) ** 2
+            + loss.change
+        )
+        asked_most = math.sqrt(max(float(np.max(asked)), 0.0))
+        if asked_most > 1.02 * most:
+            self.notes.append(
+                f"the answer asks {asked_most / most:.2f} times the fastest speed of the recording: "
+                "a real motor may not reach it"
+            )
+        if self.fault.size < DEEP:
+            self.notes.append(
+                f"a loss to {self.fault.size:g} also changes yaw and path after about a second: "
+                "only the first second is believable"
+            )
 
-    def _prepare_loss(self) -> None:
-        flown, i = self.flown, self._rotor
-        self._t = t = np.arange(self._at, flown.last_t + GRID, GRID)
-        since = t - self._at
-        ramp = np.minimum(since / self.fault.ramp, 1.0) if self.fault.ramp else np.ones_like(since)
-        theta = (1.0 - self.fault.size) * ramp
-        missing = -theta * flown.matrix[:, i : i + 1] * self._speed(i, t) ** 2  # D, (4, k)
-        self._rates = np.array([_answered(row) for row in missing[:3]])
-        left = np.exp(-GRID / HEIGHT_LOOP)
-        # the height loop answers each new piece of the loss with the same lag
-        pieces = np.diff(missing[3], prepend=0.0)
-        self._lift = _fading(pieces, left)
-        turned = np.gradient(self._rates, GRID, axis=1)
-        size = np.where(np.abs(missing) > 1e-12, missing, np.inf)
-        share = np.vstack([1.0 - turned / size[:3], 1.0 - self._lift / size[3]])
-        self._change = self._compensation(theta, share)
-
-    def _compensation(self, theta: Array, share: Array) -> Array:
-        """Return du (n, k): what the controller adds to each rotor's squared speed."""
-        rotors, i = self.flown.airframe.rotors, self._rotor
-        x = np.array([rotor.position[0] for rotor in rotors])
-        y = np.array([rotor.position[1] for rotor in rotors])
-        B = np.array([-y, x, [float(rotor.spin) for rotor in rotors], np.ones(len(rotors))])
-        out = np.zeros((len(rotors), len(theta)))
-        squares = self._speed(i, self._t) ** 2
-        for level in np.unique(np.round(theta, 2)):  # the ramp in steps: one inverse each
-            chosen = np.round(theta, 2) == level
-            kept = np.ones(len(rotors))
-            kept[i] = 1.0 - level
-            # rows that answer at their own pace: each share of the missing wrench is restored by itself
-            restore = np.linalg.pinv(B * kept)
-            wanted = share[:, chosen] * (level * B[:, i : i + 1] * squares[chosen])
-            out[:, chosen] = restore @ wanted
-        return out
-
-    def _prepare_phase(self) -> None:
-        """The rotor's angle: the integral of its interpolated speed."""
-        self._t = t = np.arange(self.flown.rotor_t[0], self.flown.last_t + GRID, GRID)
-        speed = self._speed(self._rotor, t)
+    def _prepare_unbalance(self) -> None:
+        """Integrate the rotor's angle over its interpolated speed."""
+        if not self.flown.airframe.mass:
+            _refuse("unbalance", "needs the mass in the vehicle file, to become an acceleration")
+        flown = self.flown
+        self._t = np.arange(flown.rotor_t[0], flown.last_t + GRID, GRID)
+        speed = np.interp(self._t, flown.rotor_t, flown.speed[:, self._rotor])
         self._phase = np.concatenate([[0.0], np.cumsum(0.5 * GRID * (speed[1:] + speed[:-1]))])
+
+    def _prepare_drag(self) -> None:
+        if self._rotor not in self.flown.powered:
+            _refuse("drag", f"the log has no current of motor {self.fault.motor}'s ESC to raise")
+
+    def _prepare_telemetry(self) -> None:
+        rotors, fault = self.flown.airframe.rotors, self.fault
+        other = rotors[self._index("with", fault.other)].esc if fault.other else -1
+        for motor, esc in ((fault.motor, rotors[self._rotor].esc), (fault.other, other)):
+            if motor and esc not in self.flown.reported:
+                _refuse("telemetry", f"the log has no ESC telemetry of motor {motor}")
+        self._telemetry = TelemetryFault(self.dialect, fault, rotors[self._rotor].esc, other)
 
     # -- frames ---------------------------------------------------------------------------------------
 
     def frames(self, frames: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
         """Return the flight's frames with the fault in them."""
+        return self.edit(with_times(frames, self.dialect))
+
+    def edit(self, records: Iterable[Recorded]) -> list[tuple[int, bytes]]:
+        """Return the frames of these records with the fault in them.
+
+        Raises
+        ------
+        ConfigError : a frame to be edited is signed.
+        """
         out = []
-        for record in with_times(frames, self.dialect):
+        for record in records:
             raw = record.raw
-            if record.sample is not None and record.sender == self.flown.vehicle and record.t >= self._at:
-                fields = self._fields(record)
-                if fields is not None:
-                    if is_signed(raw):
+            mine = record.sender == self.flown.vehicle
+            if mine and not self.stamp and record.t >= self._at:
+                self.stamp = record.stamp
+            fields = self._fields(record) if mine else None
+            if fields is not None:
+                raw = repacked(self.dialect.messages[record.message], raw, fields)
+                if raw != record.raw:
+                    if is_signed(record.raw):
                         raise ConfigError(
                             "the log is signed: an edited frame's signature would no longer hold"
                         )
-                    raw = repacked(self.dialect.messages[record.message], raw, fields)
-                    self.edited += raw != record.raw
-            elif record.sender == self.flown.vehicle and isinstance(record.sample, EscStatus | EscTelemetry):
-                self._remember(record)
+                    self.edited += 1
             out.append((record.stamp, raw))
         return out
 
-    def _fields(self, record: Recorded) -> dict[str, Any] | None:
-        effect, sample = self.fault.effect, record.sample
-        moves = effect in ("effectiveness", "unbalance")
-        if moves and (isinstance(sample, Imu) or (record.message == ATTITUDE and effect == "effectiveness")):
+    def _fields(self, record: Recorded) -> Fields | None:
+        """Return the edited fields of a frame; None for one that the fault does not touch."""
+        effect, sample, fault = self.fault.effect, record.sample, self.fault
+        if effect == "telemetry":
+            if not isinstance(sample, EscStatus | EscInfo | EscTelemetry):
+                return None
+            if not self._at <= record.t < self.flown.first_t + fault.until:
+                self._telemetry.remember(record)
+                return None
+            return self._telemetry.fields(record, record.t - self._at)
+        if not record.t >= self._at:
+            return None
+        if effect == "drag":
+            return self._dragged(record)
+        if effect == "unbalance":
             return self._shaken(record)
-        if effect != "unbalance" and isinstance(sample, EscStatus | EscTelemetry):
-            return self._esc(record, sample)
+        return self._lost(record)
+
+    def _unpacked(self, record: Recorded) -> Fields:
+        return unpacked(self.dialect.messages[record.message], record.raw)
+
+    def _grown(self, record: Recorded) -> float:
+        return self.fault.grown(record.t - self._at)
+
+    # -- loss of effectiveness ------------------------------------------------------------------------
+
+    def _lost(self, record: Recorded) -> Fields | None:
+        loss, sample, t = self._loss, record.sample, record.t
+        if isinstance(sample, Imu) and record.message in IMU_UNITS:
+            acc, gyro = IMU_UNITS[record.message]
+            rates = [gyro * float(np.interp(t, loss.t, row)) for row in loss.rates]
+            lift = acc * float(np.interp(t, loss.t, loss.lift))
+            return self._added(
+                record, dict(zip(("xgyro", "ygyro", "zgyro", "zacc"), (*rates, lift), strict=True))
+            )
+        if record.message in ATTITUDES:
+            rates = [float(np.interp(t, loss.t, row)) for row in loss.rates]
+            return self._added(record, dict(zip(RATES, rates, strict=True)))
+        if isinstance(sample, EscStatus | EscTelemetry):
+            return self._hurried(record, sample.index)
+        if isinstance(sample, Outputs) and record.message in self._commands and not sample.port:
+            fields = self._unpacked(record)
+            for rotor, channel in self._channels:
+                before = float(np.interp(t, self.flown.rotor_t, self.flown.speed[:, rotor]))
+                change = self._speed(t, rotor, before) - before
+                self._commands[record.message].fields(fields, record.message, channel, change)
+            return fields
         return None
 
-    def _shaken(self, record: Recorded) -> dict[str, Any]:
-        fields = unpacked(self.dialect.messages[record.message], record.raw)
-        if record.message == ATTITUDE:
-            for k, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
-                fields[name] += float(np.interp(record.t, self._t, self._rates[k]))
-            return fields
-        acc, gyro = IMU_UNITS[record.message]
-        added: dict[str, float] = {}
-        if self.fault.effect == "effectiveness":
-            for k, name in enumerate(("xgyro", "ygyro", "zgyro")):
-                added[name] = gyro * float(np.interp(record.t, self._t, self._rates[k]))
-            added["zacc"] = acc * float(np.interp(record.t, self._t, self._lift))
-        else:
-            force = self._unbalance(record.t, record.message)
-            added["xacc"], added["yacc"] = acc * force.real, acc * force.imag
-        whole = record.message != HIGHRES_IMU
+    def _added(self, record: Recorded, added: dict[str, float]) -> Fields:
+        """Return the fields with something added, in the message's own units and steps."""
+        fields = self._unpacked(record)
         for name, value in added.items():
-            fields[name] = (
-                min(max(round(fields[name] + value), -32768), 32767) if whole else fields[name] + value
-            )
+            before = fields[name]
+            if not value:  # -0.0 + 0.0 is another number on the wire
+                continue
+            if isinstance(before, int):
+                fields[name] = min(max(round(before + value), -32768), 32767)
+            else:
+                fields[name] = before + value
         return fields
 
-    def _unbalance(self, t: float, message: int) -> complex:
+    def _speed(self, t: float, rotor: int, before: float) -> float:
+        """Return the speed that the controller would have asked, where `before` was recorded [rad/s]."""
+        change = float(np.interp(t, self._loss.t, self._loss.change[rotor]))
+        return math.sqrt(max(before * before + change, 0.0))
+
+    def _hurried(self, record: Recorded, first: int) -> Fields:
+        """Give every rotor the speed that the controller would have asked of it, and the current for it."""
+        fields = self._unpacked(record)
+        for k in range(4):
+            rotor, rpm = self._escs.get(first + k), fields["rpm"][k]
+            if rotor is None or not rpm:
+                continue
+            before = abs(rpm) / RPM
+            after = self._speed(record.t, rotor, before)
+            rpm_after = round(math.copysign(after * RPM, rpm))
+            fields["rpm"][k] = rpm_after if record.message == ESC_STATUS else min(rpm_after, 65535)
+            left = 1.0
+            if rotor == self._rotor:  # a propeller that lifts less also drags less
+                left -= float(np.interp(record.t, self._loss.t, self._loss.share))
+            _scale_current(fields, k, left * (after / before) ** 2)
+        return fields
+
+    # -- drag and unbalance ---------------------------------------------------------------------------
+
+    def _dragged(self, record: Recorded) -> Fields | None:
+        if not isinstance(record.sample, EscStatus | EscTelemetry):
+            return None
+        k = self.flown.airframe.rotors[self._rotor].esc - record.sample.index
+        if not 0 <= k < 4:
+            return None
+        fields = self._unpacked(record)
+        _scale_current(fields, k, 1.0 + (self.fault.size - 1.0) * self._grown(record))
+        return fields
+
+    def _shaken(self, record: Recorded) -> Fields | None:
+        if not isinstance(record.sample, Imu) or record.message not in IMU_UNITS:
+            return None
+        acc, _ = IMU_UNITS[record.message]
+        force = self._unbalance(record)
+        return self._added(record, {"xacc": acc * force.real, "yacc": acc * force.imag})
+
+    def _unbalance(self, record: Recorded) -> complex:
         """Return the in-plane acceleration ax + j ay [m/s²] as the stream shows it."""
-        assert self._mass is not None
-        speed = float(np.interp(t, self.flown.rotor_t, self.flown.speed[:, self._rotor]))
-        angle = float(np.interp(t, self._t, self._phase))
-        response = self.response(speed, message)
-        size = self.fault.size * self.fault.grown(t - self._at) * speed * speed / self._mass * abs(response)
-        spin = self.flown.airframe.rotors[self._rotor].spin or 1
-        turned = angle + cmath.phase(response)
+        assert self.flown.airframe.mass is not None
+        speed = float(np.interp(record.t, self.flown.rotor_t, self.flown.speed[:, self._rotor]))
+        response = self.response(speed, record.message)
+        size = (
+            self.fault.size * self._grown(record) * speed * speed / self.flown.airframe.mass * abs(response)
+        )
+        turned = float(np.interp(record.t, self._t, self._phase)) + cmath.phase(response)
         # counter-clockwise seen from above is from x towards -y in these axes
+        spin = self.flown.airframe.rotors[self._rotor].spin or 1
         return complex(size * math.cos(turned), -spin * size * math.sin(turned))
 
     def response(self, speed: float, message: int) -> complex:
@@ -198,100 +277,12 @@ class Graft:
         s = 1j * speed / cutoff
         return 1.0 / (s * s + math.sqrt(2.0) * s + 1.0)
 
-    # -- ESC telemetry --------------------------------------------------------------------------------
 
-    def _slots(self, record: Recorded) -> tuple[dict[str, Any], int]:
-        """Return the fields and the ESC index of the first slot."""
-        sample = record.sample
-        assert isinstance(sample, EscStatus | EscTelemetry)
-        return unpacked(self.dialect.messages[record.message], record.raw), sample.index
-
-    def _arrays(self, fields: dict[str, Any]) -> list[str]:
-        return [name for name, value in fields.items() if isinstance(value, list) and len(value) == 4]
-
-    def _remember(self, record: Recorded) -> None:
-        fields, first = self._slots(record)
-        for k in range(4):
-            self._held[first + k] = tuple(fields[name][k] for name in self._arrays(fields))
-
-    def _esc(self, record: Recorded, sample: EscStatus | EscTelemetry) -> dict[str, Any]:
-        fields, first = self._slots(record)
-        effect = self.fault.effect
-        if effect == "telemetry":
-            self._cut(record, fields, first, isinstance(sample, EscTelemetry))
-            return fields
-        for k in range(4):
-            esc = first + k
-            if esc not in self._escs or not fields["rpm"][k]:
-                continue
-            rotor = self._escs.index(esc)
-            if effect == "drag":
-                if rotor == self._rotor:
-                    grown = 1.0 + (self.fault.size - 1.0) * self.fault.grown(record.t - self._at)
-                    self._scale_current(fields, k, grown)
-            else:
-                self._slow_or_hurry(record.t, fields, k, rotor)
-        return fields
-
-    def _slow_or_hurry(self, t: float, fields: dict[str, Any], k: int, rotor: int) -> None:
-        """Give a rotor the speed that the controller would have asked of it, and the current for it."""
-        rpm = fields["rpm"][k]
-        before = abs(rpm) / RPM
-        change = float(np.interp(t, self._t, self._change[rotor]))
-        after = math.sqrt(max(before * before + change, 0.0))
-        fields["rpm"][k] = round(math.copysign(after * RPM, rpm))
-        left = 1.0
-        if rotor == self._rotor:  # a propeller that lifts less also drags less
-            left = 1.0 - (1.0 - self.fault.size) * self.fault.grown(t - self._at)
-        self._scale_current(fields, k, left * (after / before) ** 2)
-
-    def _scale_current(self, fields: dict[str, Any], k: int, factor: float) -> None:
-        value = fields["current"][k] * factor
-        fields["current"][k] = value if isinstance(fields["current"][k], float) else min(round(value), 65535)
-
-    def _cut(self, record: Recorded, fields: dict[str, Any], first: int, ardupilot: bool) -> None:
-        """Lose, freeze or swap; PX4 says zeros for an ESC it lost, ArduPilot repeats all but the speed."""
-        names = self._arrays(fields)
-        mine = self._escs[self._rotor]
-        if self.fault.how == "swapped":
-            fresh = {first + k: tuple(fields[name][k] for name in names) for k in range(4)}
-            for esc, source in ((mine, self._escs[self._other]), (self._escs[self._other], mine)):
-                if esc in fresh and (source in fresh or source in self._held):
-                    self._put(fields, names, esc - first, fresh.get(source) or self._held[source])
-            self._held.update(fresh)
-            return
-        if not first <= mine < first + 4:
-            return
-        k = mine - first
-        if self.fault.how == "lost" and not ardupilot:
-            self._put(fields, names, k, tuple(0 for _ in names))
-            return
-        if mine in self._held:
-            self._put(fields, names, k, self._held[mine])
-        if self.fault.how == "lost" and record.t - self._at > AP_SILENT:
-            fields["rpm"][k] = 0
-
-    def _put(self, fields: dict[str, Any], names: list[str], k: int, values: tuple[Any, ...]) -> None:
-        for name, value in zip(names, values, strict=True):
-            fields[name][k] = value
+def _scale_current(fields: Fields, k: int, factor: float) -> None:
+    before = fields["current"][k]
+    value = before * factor
+    fields["current"][k] = value if isinstance(before, float) else min(round(value), 65535)
 
 
-def _answered(missing: Array) -> Array:
-    """Return the rate [rad/s] that a critically damped rate loop leaves of a missing moment, on the grid."""
-    out = np.empty_like(missing)
-    rate = speed = before = 0.0
-    for k, value in enumerate(missing.tolist()):
-        speed += value - before - GRID * (2.0 * speed / RATE_LOOP + rate / RATE_LOOP**2)
-        before = value
-        rate += GRID * speed
-        out[k] = rate
-    return out
-
-
-def _fading(pieces: Array, keep: float) -> Array:
-    out = np.empty_like(pieces)
-    value = 0.0
-    for k, piece in enumerate(pieces.tolist()):
-        value = keep * value + piece
-        out[k] = value
-    return out
+def _refuse(key: str, what: str) -> NoReturn:
+    raise ConfigError(f"--fault: {key}: {what}")

@@ -2,13 +2,14 @@
 
 | key | what it does | honest because |
 |---|---|---|
-| effectiveness=.4 .. 1 | thrust lost, and the controller's answer to it | small losses act linearly |
+| effectiveness=.3 .. 1 | thrust lost, and the controller's answer to it | small losses act linearly |
 | unbalance=g mm | a force turning with the rotor | it adds to what was there |
 | drag=factor | current raised | the same speed costs more torque |
 | telemetry=lost, frozen | that ESC's telemetry ends, or repeats | exact |
 | telemetry=swapped with=M | two ESCs exchanged | exact |
 
-A larger loss changes the whole flight: attitude, path, every later command. It is refused.
+`at`, `until` in seconds after the flight's first datum; `ramp` in seconds; `loop` is the time of the rate loop
+that answers a loss. A larger loss changes the whole flight: attitude, path, every later command. It is refused.
 """
 
 import difflib
@@ -18,10 +19,12 @@ from typing import NoReturn
 
 from gcs_health.errors import ConfigError
 
-LEAST_EFFECTIVENESS = 0.4
+LEAST_EFFECTIVENESS = 0.3
+RATE_LOOP = 0.12  # s, that of the simulator's controller
+LOOPS = (0.03, 0.5)  # s
 EFFECTS = ("effectiveness", "unbalance", "drag", "telemetry")
 TELEMETRY = ("lost", "frozen", "swapped")
-KEYS = ("rotor", *EFFECTS, "with", "at", "ramp")
+KEYS = ("rotor", *EFFECTS, "with", "at", "until", "ramp", "loop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +32,8 @@ class GraftFault:
     """One fault; `motor` and `other` are numbers as the autopilot counts them, from 1.
 
     effect : of `EFFECTS`. size : what is left [-], unbalance [kg m] or factor on current [-]; NaN for
-    telemetry, whose `how` is of `TELEMETRY`. at : [s] after the flight's first datum. ramp : [s] over
-    which it grows.
+    telemetry, whose `how` is of `TELEMETRY`. at, until : [s] after the flight's first datum. ramp : [s] over
+    which it grows. loop : [s] time of the rate loop.
     """
 
     motor: int
@@ -40,10 +43,12 @@ class GraftFault:
     how: str = ""
     other: int = 0
     ramp: float = 0.0
+    until: float = math.inf
+    loop: float = RATE_LOOP
 
     def grown(self, since: float) -> float:
         """Return the share of the fault that is there `since` seconds after it began, 0 .. 1."""
-        if since < 0.0:
+        if not 0.0 <= since < self.until - self.at:
             return 0.0
         return min(since / self.ramp, 1.0) if self.ramp else 1.0
 
@@ -66,17 +71,20 @@ def parse_fault(text: str) -> GraftFault:
     motor = _whole(text, "rotor", values["rotor"])
     at = _number(text, "at", values["at"], 0.0)
     ramp = _number(text, "ramp", values.get("ramp", "0"), 0.0)
+    until = _until(text, values, at)
+    loop = _loop(text, values, effect)
     if effect == "telemetry":
-        return _telemetry(text, values, motor, at)
+        return _telemetry(text, values, motor, at, until)
     if "with" in values:
         _fail(text, "with", "only telemetry=swapped has another motor")
     size = _number(text, effect, values[effect], 0.0)
     if effect == "effectiveness" and not LEAST_EFFECTIVENESS <= size <= 1.0:
-        why = "a larger loss changes the whole flight: gcs-health simulate can fly it"
+        why = "a loss that large changes the whole flight: gcs-health simulate can fly it"
         _fail(text, effect, f"expected what is left, from {LEAST_EFFECTIVENESS:g} to 1, got {size:g}; {why}")
     if effect == "drag" and not 1.0 <= size <= 10.0:
         _fail(text, effect, f"expected a factor on the current from 1 to 10, got {size:g}")
-    return GraftFault(motor, effect, at, size * 1e-6 if effect == "unbalance" else size, ramp=ramp)
+    size = size * 1e-6 if effect == "unbalance" else size
+    return GraftFault(motor, effect, at, size, ramp=ramp, until=until, loop=loop)
 
 
 def _split(text: str) -> dict[str, str]:
@@ -95,7 +103,7 @@ def _split(text: str) -> dict[str, str]:
     return values
 
 
-def _telemetry(text: str, values: dict[str, str], motor: int, at: float) -> GraftFault:
+def _telemetry(text: str, values: dict[str, str], motor: int, at: float, until: float) -> GraftFault:
     how = values["telemetry"]
     if how not in TELEMETRY:
         _fail(text, "telemetry", f"expected one of {', '.join(TELEMETRY)}, got {how}")
@@ -110,7 +118,29 @@ def _telemetry(text: str, values: dict[str, str], motor: int, at: float) -> Graf
             _fail(text, "with", f"motor {motor} cannot be swapped with itself")
     elif "with" in values:
         _fail(text, "with", "only telemetry=swapped has another motor")
-    return GraftFault(motor, "telemetry", at, how=how, other=other)
+    return GraftFault(motor, "telemetry", at, how=how, other=other, until=until)
+
+
+def _until(text: str, values: dict[str, str], at: float) -> float:
+    if "until" not in values:
+        return math.inf
+    until = _number(text, "until", values["until"], 0.0)
+    if until <= at:
+        _fail(text, "until", f"expected a time after at={at:g}, got {until:g}")
+    return until
+
+
+def _loop(text: str, values: dict[str, str], effect: str) -> float:
+    if "loop" not in values:
+        return RATE_LOOP
+    if effect != "effectiveness":
+        _fail(text, "loop", "only a loss of effectiveness is answered by the rate loop")
+    loop = _number(text, "loop", values["loop"], 0.0)
+    if not LOOPS[0] <= loop <= LOOPS[1]:
+        _fail(
+            text, "loop", f"expected the rate loop's time from {LOOPS[0]:g} to {LOOPS[1]:g} s, got {loop:g}"
+        )
+    return loop
 
 
 def _number(text: str, key: str, value: str, least: float) -> float:

@@ -1,5 +1,6 @@
 """A recorded flight as frames with vehicle times, and what the monitor makes of it when healthy."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,16 +13,17 @@ from gcs_health.clock import VehicleClock
 from gcs_health.errors import LogError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, Message, default_dialect
-from gcs_health.mavlink.encoder import pack, pack_v1, payload_of
+from gcs_health.mavlink.encoder import pack_v1, pack_v2, payload_of
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.framing import MAGIC_V1, SIGNED
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor, MonitorConfig
-from gcs_health.samples import Parameter, Reading, RotorReading, Sample
+from gcs_health.samples import Outputs, Parameter, Reading, RotorReading, Sample
 from gcs_health.vehicle_monitor import VehicleMonitor
 
 Array = NDArray[np.float64]
+MOTOR_OUTPUTS = (36, 375)  # SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS
 
 
 class Recorded(NamedTuple):
@@ -32,7 +34,7 @@ class Recorded(NamedTuple):
     sender: tuple[int, int]
     message: int
     sample: Sample | None
-    t: float  # vehicle clock [s]; NaN without a sample
+    t: float  # vehicle clock [s]; NaN without a sample, and until it is known
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Flown:
     vehicle : (system, component). airframe, matrix : geometry and gains G (4, n) of the estimator, rows roll,
     pitch, yaw [(rad/s²)/(rad/s)²] and a_z [(m/s²)/(rad/s)²]. rotor_t (m,), speed (m, n) [rad/s].
     opened : times at which verdicts could be given [s]. first_t, last_t [s]. parameters : by name.
+    reported : ESC indices in the stream. powered : rotors whose ESC gives a current. channels : output channel,
+    from 0, of each rotor. outputs : by message id, times (k,) and raw outputs (k, n) of the rotors.
     """
 
     vehicle: tuple[int, int]
@@ -53,6 +57,10 @@ class Flown:
     first_t: float
     last_t: float
     parameters: dict[str, float]
+    reported: frozenset[int]
+    powered: frozenset[int]
+    channels: tuple[int, ...]
+    outputs: dict[int, tuple[Array, Array]]
 
 
 def read_frames(path: str) -> list[tuple[int, bytes]]:
@@ -88,7 +96,9 @@ def with_times(frames: list[tuple[int, bytes]], dialect: Dialect) -> Iterator[Re
             yield Recorded(stamp, raw, sender, frame.message, None, float("nan"))
             continue
         clock = clocks.setdefault(sender, VehicleClock())
-        yield Recorded(stamp, raw, sender, frame.message, samples[0], clock.time_of(samples[0]))
+        t = clock.time_of(samples[0])
+        # until the vehicle's clock is known, times are on the receive stamps' axis: long after any fault
+        yield Recorded(stamp, raw, sender, frame.message, samples[0], t if clock.settled else math.nan)
 
 
 def first_pass(name: str, frames: list[tuple[int, bytes]], airframe: Airframe | None) -> Flown:
@@ -119,10 +129,11 @@ def first_pass(name: str, frames: list[tuple[int, bytes]], airframe: Airframe | 
     whole = [r for r in rotors if all(speed == speed for speed in r.speed)]
     if len(whole) < 10:
         raise LogError(f"{name}: no rotor speeds of all rotors in it; a fault cannot be grafted without")
-    said = [record.sample for record in with_times(frames, monitor.dialect)]
-    system, component = vehicle.vehicle.split(".")
+    system, component = map(int, vehicle.vehicle.split("."))
+    said = [r for r in with_times(frames, monitor.dialect) if r.sender == (system, component)]
+    channels = vehicle.rotors.output_channels
     return Flown(
-        (int(system), int(component)),
+        (system, component),
         vehicle.airframe,
         vehicle.bank.gains.matrix,
         np.array([r.t for r in whole]),
@@ -130,8 +141,26 @@ def first_pass(name: str, frames: list[tuple[int, bytes]], airframe: Airframe | 
         np.array(opened),
         vehicle.first_t,
         vehicle.last_t,
-        {sample.name: sample.number for sample in said if isinstance(sample, Parameter)},
+        {r.sample.name: r.sample.number for r in said if isinstance(r.sample, Parameter)},
+        frozenset(vehicle.rotors.esc_indices()),
+        frozenset(k for r in rotors for k, current in enumerate(r.current) if current > 0.0),
+        channels,
+        _outputs(said, channels),
     )
+
+
+def _outputs(said: list[Recorded], channels: tuple[int, ...]) -> dict[int, tuple[Array, Array]]:
+    """Return times and raw values of the rotors' output channels, by message."""
+    rows: dict[int, list[tuple[float, list[float]]]] = {}
+    for record in said:
+        sample = record.sample
+        if isinstance(sample, Outputs) and record.message in MOTOR_OUTPUTS and not sample.port:
+            values = [sample.value[c] if 0 <= c < len(sample.value) else math.nan for c in channels]
+            rows.setdefault(record.message, []).append((record.t, values))
+    return {
+        message: (np.array([t for t, _ in many]), np.array([values for _, values in many]))
+        for message, many in rows.items()
+    }
 
 
 def _the_vehicle(name: str, monitor: Monitor) -> VehicleMonitor:
@@ -159,11 +188,17 @@ def unpacked(message: Message, raw: bytes) -> dict[str, Any]:
 
 
 def repacked(message: Message, raw: bytes, fields: dict[str, Any]) -> bytes:
-    """Return the frame with these fields, all else as it was; CRC anew."""
-    payload = payload_of(message, fields)
+    """Return the frame with these fields, all else as it was, even what our dialect does not know; CRC anew."""
+    payload, length = payload_of(message, fields), raw[1]
     if raw[0] == MAGIC_V1:
-        return pack_v1(message, payload[: raw[1]], raw)
-    return pack(message, payload, raw[4], raw[5], raw[6])
+        return pack_v1(message, payload[:length], raw)
+    known = raw[10 : 10 + length]
+    payload += known[message.size :]  # extensions newer than ours
+    if known[-1:] != b"\0":
+        payload = payload.rstrip(b"\0") or payload[:1]
+    else:  # a sender that does not cut zeros off
+        payload = payload[: max(len(payload.rstrip(b"\0")), length)]
+    return pack_v2(message, payload, raw)
 
 
 def is_signed(raw: bytes) -> bool:

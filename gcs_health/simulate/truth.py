@@ -42,19 +42,20 @@ def simulated(scenario: Scenario, file: str, first_us: int) -> str:
     )
 
 
-def grafted(faults: list[GraftFault], flown: Flown, source: str, file: str, stamps: list[int]) -> str:
-    """Return the truth of a recorded flight with faults put into it; `stamps` of its frames [UNIX µs]."""
-    span = flown.last_t - flown.first_t
+def grafted(faults: list[tuple[GraftFault, int]], flown: Flown, source: str, file: str, first_us: int) -> str:
+    """Return the truth of a recorded flight with faults, each with the stamp of its beginning, put into it."""
     told = []
-    for fault in faults:
-        stamp = stamps[0] + round(fault.at / span * (stamps[-1] - stamps[0])) if span > 0.0 else stamps[0]
+    for fault, stamp in faults:
         size = {} if math.isnan(fault.size) else {"size": fault.size}
         kind = f"{fault.effect} {fault.how}".strip()
         with_motor = {"with": fault.other} if fault.other else {}
-        times = _times(flown.first_t + fault.at, stamp, stamps[0])
-        told.append({"kind": kind, "rotor": fault.motor, **size, **with_motor, "ramp_s": fault.ramp, **times})
+        until = {"until_vehicle_time_s": flown.first_t + fault.until} if fault.until < math.inf else {}
+        times = _times(flown.first_t + fault.at, stamp, first_us)
+        told.append(
+            {"kind": kind, "rotor": fault.motor, **size, **with_motor, "ramp_s": fault.ramp, **until, **times}
+        )
     return _text(
-        file, stamps[0], {"made_by": f"gcs-health graft, into {source}"}, told, "grafted into a recording"
+        file, first_us, {"made_by": f"gcs-health graft, into {source}"}, told, "grafted into a recording"
     )
 
 
