@@ -57,6 +57,30 @@ class Effectiveness:
 
 
 @dataclass(frozen=True, slots=True)
+class Motor:
+    """One motor with its propeller, J w' = kappa_q i - kappa_tau w² - kappa_f w; None = identify in flight.
+
+    Attributes
+    ----------
+    torque_constant : kappa_q [N m/A], which is kappa_e [V s/rad] too.
+    torque : kappa_tau, drag torque of a healthy propeller [N m s²].
+    friction : kappa_f [N m s].
+    inertia : J, of rotor and propeller [kg m²].
+    resistance : R, of motor and ESC [Ohm].
+    current_side : where the ESC measures its current: "motor" (of the torque) or "battery".
+    current_lag : first-order lag of the current behind the speed [s].
+    """
+
+    torque_constant: float | None = None
+    torque: float | None = None
+    friction: float | None = None
+    inertia: float | None = None
+    resistance: float | None = None
+    current_side: Literal["motor", "battery"] | None = None
+    current_lag: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Airframe:
     """A multirotor as the estimators need it; rotors in order of `motor`."""
 
@@ -67,6 +91,7 @@ class Airframe:
     mass: float | None = None  # [kg]
     inertia: tuple[float, float, float] | None = None  # [kg m²] about x, y, z
     effectiveness: Effectiveness = Effectiveness()
+    motor: Motor = Motor()
     warnings: tuple[str, ...] = ()
 
     def seat(self, rotor: int) -> str:

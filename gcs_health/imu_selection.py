@@ -7,7 +7,7 @@ ArduPilot three messages of three. Mixed, they would be a signal that no sensor 
 import math
 from collections.abc import Callable
 
-from gcs_health.samples import Imu, ImuReading
+from gcs_health.samples import Imu, ImuFilterReading, ImuReading
 
 HIGHRES_IMU, SCALED_IMU, RAW_IMU, SCALED_IMU2, SCALED_IMU3 = 105, 26, 27, 116, 129
 NAME = {
@@ -69,11 +69,13 @@ class ImuSelection:
     ----------
     switches : changes of the chosen stream once it was settled.
     duplicates : samples dropped because their stream had one of the same time.
+    news : whether what filtered the chosen stream may have changed since `filtering` was last asked.
     """
 
     def __init__(self) -> None:
         self.switches = 0
         self.duplicates = 0
+        self.news = True
         self._streams: dict[int, _Stream] = {}
         self._chosen: _Stream | None = None
         self._message = 0  # of the chosen stream
@@ -85,6 +87,7 @@ class ImuSelection:
         """Take a parameter; those that tell the filtering are kept."""
         if name in FILTER_PARAMETERS and math.isfinite(value):
             self._parameters[name] = value
+            self.news = True
 
     def feed(self, t: float, sample: Imu) -> ImuReading | None:
         """Return the reading if the sample is the chosen stream's, at vehicle time `t` [s].
@@ -138,6 +141,18 @@ class ImuSelection:
         said.append(self._filtering(autopilot))
         return "; ".join(said)
 
+    def filtering(self, t: float, autopilot: int | None) -> ImuFilterReading:
+        """Return what the accelerations of the chosen stream have passed on board, and who says so."""
+        self.news = False
+        autopilot = self._told(autopilot)
+        if autopilot == PX4 and self._message == HIGHRES_IMU:
+            rate, origin = self._parameter("IMU_INTEG_RATE", 200.0)
+            return ImuFilterReading(t, 1.0 / max(rate, 1.0), math.nan, origin)
+        if autopilot == ARDUPILOT:
+            hertz, origin = self._parameter("INS_ACCEL_FILTER", 20.0)
+            return ImuFilterReading(t, math.nan, hertz if hertz > 0.0 else math.nan, origin)
+        return ImuFilterReading(t, math.nan, math.nan, "not known")
+
     def _take(self, t: float, stream: _Stream, message: int) -> bool:
         """Make a stream the chosen one if there is a reason to."""
         chosen = self._chosen
@@ -149,6 +164,7 @@ class ImuSelection:
                 self.switches += 1
                 self._last_switch = f"last at {t:.1f} s from {chosen.name}, {why}"
         self._chosen, self._message = stream, message
+        self.news = True
         return True
 
     def _reason(self, t: float, chosen: _Stream, stream: _Stream) -> str | None:
@@ -169,14 +185,19 @@ class ImuSelection:
         return None
 
     def _filtering(self, autopilot: int | None) -> str:
-        if autopilot is None:
-            autopilot = next((PX4 if n == "IMU_INTEG_RATE" else ARDUPILOT for n in self._parameters), None)
+        autopilot = self._told(autopilot)
         describe: Callable[[], str] | None = None
         if autopilot == PX4 and self._message == HIGHRES_IMU:
             describe = self._px4_highres
         elif autopilot == ARDUPILOT:
             describe = self._ardupilot
         return describe() if describe is not None else "what filtered it on board is not known"
+
+    def _told(self, autopilot: int | None) -> int | None:
+        """Which autopilot it is, from the parameters if nobody said."""
+        if autopilot is not None:
+            return autopilot
+        return next((PX4 if n == "IMU_INTEG_RATE" else ARDUPILOT for n in self._parameters), None)
 
     def _px4_highres(self) -> str:
         rate, origin = self._parameter("IMU_INTEG_RATE", 200.0)

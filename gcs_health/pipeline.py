@@ -9,14 +9,16 @@ import math
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe
-from gcs_health.estimators.effectiveness import EffectivenessConfig
+from gcs_health.estimators import REGISTRY
+from gcs_health.estimators.contract import Estimate
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
+from gcs_health.record.describe import describe_state
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
-from gcs_health.vehicle_monitor import Tap, VehicleMonitor, describe_state
+from gcs_health.vehicle_monitor import Tap, VehicleMonitor
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +28,7 @@ class MonitorConfig:
     Attributes
     ----------
     airframe : from a vehicle file; None = from the stream.
-    mode : "recommended" or "paper".
+    estimators : by registry name. mode : theirs, "recommended" or "paper".
     estimate_rate : at most so many estimates a second and rotor [Hz].
     keys : 32-byte signing keys.
     stamped : the bytes are a .tlog.
@@ -35,6 +37,7 @@ class MonitorConfig:
     """
 
     airframe: Airframe | None = None
+    estimators: tuple[str, ...] = tuple(REGISTRY)
     mode: str = "recommended"
     estimate_rate: float = 10.0
     keys: tuple[bytes, ...] = ()
@@ -54,7 +57,6 @@ class Monitor:
         self._vehicles: dict[tuple[int, int], VehicleMonitor] = {}
         self._census = Census()
         self._raw: list[tuple[int, bytes]] = []
-        self._effectiveness = EffectivenessConfig(mode=self.config.mode)  # type: ignore[arg-type]
 
     def feed(
         self, data: bytes, receive_us: int = 0, source: str = "", stamped: bool | None = None
@@ -127,7 +129,8 @@ class Monitor:
                 vehicle = self._vehicles[sender] = VehicleMonitor(
                     f"{sender[0]}.{sender[1]}",
                     self.config.airframe,
-                    self._effectiveness,
+                    self.config.estimators,
+                    self.config.mode,
                     self.config.estimate_rate,
                     self.config.tap,
                 )
@@ -162,7 +165,9 @@ class Monitor:
     def _summary(self, vehicle: VehicleMonitor) -> SummaryEvent:
         system, component = map(int, vehicle.vehicle.split("."))
         rotors: list[Value] = []
-        final = {estimate.rotor: estimate for estimate in vehicle.estimates()}
+        final: dict[int, list[Estimate]] = {}
+        for estimate in vehicle.estimates():
+            final.setdefault(estimate.rotor, []).append(estimate)
         for k, rotor in enumerate(vehicle.airframe.rotors if vehicle.airframe else ()):
             rotors.append(
                 {
@@ -170,8 +175,17 @@ class Monitor:
                     "motor": rotor.motor,
                     "seat": vehicle.airframe.seat(k) if vehicle.airframe else "",
                     "telemetry": vehicle.rotors.state(rotor.esc, vehicle.last_t).value,
-                    "final": describe_state(final[k]),
-                    "worst": describe_state(vehicle.worst.get(k, final[k])),
+                    "final": describe_state(final[k][0]),
+                    "worst": describe_state(vehicle.worst(final[k][0])),
+                    "estimates": tuple(
+                        {
+                            "estimator": e.estimator,
+                            "quantity": e.quantity.value,
+                            "final": describe_state(e),
+                            "worst": describe_state(vehicle.worst(e)),
+                        }
+                        for e in final[k]
+                    ),
                 }
             )
         notes = [*vehicle.clock.quality(), vehicle.imu.describe(vehicle.autopilot), *vehicle.rotors.notes()]

@@ -334,4 +334,45 @@ class FlightReading(NamedTuple):
     landed: bool | None
 
 
-Reading = ImuReading | RotorReading | CommandReading | FlightReading
+class ImuFilterReading(NamedTuple):
+    """What the accelerations of the `ImuReading`s have passed on board; said when known and when it changes.
+
+    Attributes
+    ----------
+    mean_over : each value is a mean over so long [s]; NaN = it is not.
+    cutoff : of a two-pole low-pass [Hz]; NaN = there is none.
+    source : who says so: a parameter, its default, or nobody.
+    """
+
+    t: float
+    mean_over: float
+    cutoff: float
+    source: str
+
+
+class BatteryReading(NamedTuple):
+    """Voltage [V] and current [A] at the battery; NaN = not known."""
+
+    t: float
+    voltage: float
+    current: float
+
+
+class VibrationReading(NamedTuple):
+    """The autopilot's own vibration levels [m/s²] about its body axes."""
+
+    t: float
+    x: float
+    y: float
+    z: float
+
+
+Reading = (
+    ImuReading
+    | RotorReading
+    | CommandReading
+    | FlightReading
+    | ImuFilterReading
+    | BatteryReading
+    | VibrationReading
+)

@@ -7,15 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Rotor
+from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Motor, Rotor
 from gcs_health.errors import AirframeError
 
 SCHEMA = "gcs_health.vehicle/1"
 MIN_ROTORS, MAX_ROTORS = 3, 12
 
-_TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness"}
+_TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor"}
 _ROTOR = {"motor", "esc", "position", "spin", "radius"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
+_MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "current_lag", "current_side"}
+_SIDES = ("motor", "battery")
 
 
 def load_vehicle(path: str | Path) -> Airframe:
@@ -60,6 +62,7 @@ class _Reader:
             mass=self._optional(table, "mass", ""),
             inertia=inertia,
             effectiveness=self._effectiveness(table.get("effectiveness", {})),
+            motor=self._motor(table.get("motor", {})),
         )
 
     def _rotors(self, rows: Any) -> tuple[Rotor, ...]:
@@ -100,6 +103,16 @@ class _Reader:
             self._fail("effectiveness", "expected a table")
         self._keys(row, _EFFECTIVENESS, "effectiveness.")
         return Effectiveness(**{key: self._optional(row, key, "effectiveness.") for key in row})
+
+    def _motor(self, row: Any) -> Motor:
+        if not isinstance(row, dict):
+            self._fail("motor", "expected a table")
+        self._keys(row, _MOTOR, "motor.")
+        side = row.get("current_side")
+        if side is not None and side not in _SIDES:
+            self._fail("motor.current_side", f"expected 'motor' or 'battery', got {side!r}")
+        numbers = {key: self._optional(row, key, "motor.") for key in row if key != "current_side"}
+        return Motor(current_side=side, **numbers)
 
     def _keys(self, table: dict[str, Any], known: set[str], at: str) -> None:
         for key in table:

@@ -9,15 +9,18 @@ from gcs_health.airframe_parameters import AirframeParameters
 from gcs_health.airframe_tables import assume_airframe
 from gcs_health.clock import Kind, VehicleClock
 from gcs_health.errors import AirframeError
-from gcs_health.estimators.contract import REASON_TEXT, Estimate, Status
-from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
+from gcs_health.estimator_bench import EstimatorBench
+from gcs_health.estimators.contract import Estimate
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Need, effectiveness_needs
+from gcs_health.record.describe import describe_airframe
 from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VehicleEvent
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
+    Battery,
+    BatteryReading,
     EscInfo,
     EscStatus,
     EscTelemetry,
@@ -29,6 +32,8 @@ from gcs_health.samples import (
     Parameter,
     Reading,
     Sample,
+    Vibration,
+    VibrationReading,
 )
 
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
@@ -38,6 +43,7 @@ ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the g
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 CLOCK_WAIT_US = 2_000_000  # events wait so long for a first stamped message
 ON_GROUND = 1  # MAV_LANDED_STATE
+ALARMING = "effectiveness"  # the estimator whose failures raise alerts
 UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
 
@@ -58,7 +64,7 @@ class VehicleMonitor:
     ----------
     vehicle : "sysid.compid".
     airframe : the user's vehicle file; None = from the stream.
-    config : of the effectiveness estimator.
+    estimators : by registry name. mode : "recommended" or "paper".
     estimate_rate : at most so many estimates a second and rotor [Hz].
     tap : called with (vehicle, reading) before every reading reaches the estimator.
     """
@@ -67,7 +73,8 @@ class VehicleMonitor:
         self,
         vehicle: str,
         airframe: Airframe | None,
-        config: EffectivenessConfig,
+        estimators: tuple[str, ...],
+        mode: str,
         estimate_rate: float,
         tap: "Tap | None" = None,
     ) -> None:
@@ -80,16 +87,16 @@ class VehicleMonitor:
         self.last_us = 0
         self.gaps: list[tuple[float, float]] = []
         self.alerts: list[AlertEvent] = []
-        self.worst: dict[int, Estimate] = {}
         self.clock = VehicleClock()
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
-        self._config = config
+        self._names = estimators
+        self._mode = mode
         self._tap = tap
         self._rate = estimate_rate
         self._due = -math.inf
         self._parameters = AirframeParameters()
-        self._estimator: EffectivenessEstimator | None = None
+        self._bench: EstimatorBench | None = None
         self._desk: AlertDesk | None = None
         self._armed: bool | None = None
         self._landed: bool | None = None
@@ -108,6 +115,8 @@ class VehicleMonitor:
             EscInfo: self._on_rotors,
             Outputs: self._on_rotors,
             Parameter: self._on_parameter,
+            Battery: self._on_battery,
+            Vibration: self._on_vibration,
         }
         if airframe is not None:
             self._adopt(airframe)
@@ -141,11 +150,17 @@ class VehicleMonitor:
     @property
     def bank(self) -> RecommendedBank | None:
         """What the recommended mode has learned; None in paper mode and without an airframe."""
-        return self._estimator.bank if self._estimator is not None else None
+        estimator = self._bench.effectiveness if self._bench is not None else None
+        return estimator.bank if estimator is not None else None
 
     def estimates(self) -> list[Estimate]:
-        """Return the present state of every rotor."""
-        return self._estimator.estimates(self.last_t) if self._estimator is not None else []
+        """Return the present state of every rotor, estimator by estimator."""
+        return self._bench.estimates(self.last_t) if self._bench is not None else []
+
+    def worst(self, estimate: Estimate) -> Estimate:
+        """Return the estimate nearest to a failure of the same quantity and rotor that was seen."""
+        key = (estimate.estimator, estimate.quantity, estimate.rotor)
+        return self._bench.worst.get(key, estimate) if self._bench is not None else estimate
 
     def needs(self) -> tuple[Need, ...]:
         """List what the estimator needs against what the stream has."""
@@ -190,6 +205,8 @@ class VehicleMonitor:
         self._is_autopilot(sample)
         reading = self.imu.feed(t, sample)
         if reading is not None:
+            if self.imu.news:
+                self._read(self.imu.filtering(t, self.autopilot))
             self._read(reading)
 
     def _on_rotors(self, t: float, sample: EscStatus | EscTelemetry | EscInfo | Outputs) -> None:
@@ -197,6 +214,12 @@ class VehicleMonitor:
         reading = self.rotors.feed(t, sample)
         if reading is not None:
             self._read(reading)
+
+    def _on_battery(self, t: float, sample: Battery) -> None:
+        self._read(BatteryReading(t, sample.voltage, sample.current))
+
+    def _on_vibration(self, t: float, sample: Vibration) -> None:
+        self._read(VibrationReading(t, sample.x, sample.y, sample.z))
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
         self.imu.set_parameter(sample.name, sample.number)
@@ -221,9 +244,9 @@ class VehicleMonitor:
             if notice.kind is Kind.AXIS:  # all before was receive time: another origin
                 self.first_t = self.last_t = t
                 self._due = -math.inf
-                if self._estimator is not None:
-                    self._estimator.reset()
-                    self._tell_flight(t)
+                if self._bench is not None:
+                    self._bench.reset()
+                    self._tell_all_known(t)
                 continue
             if notice.kind is Kind.GAP:
                 self.gaps.append((notice.t, notice.size))
@@ -247,12 +270,20 @@ class VehicleMonitor:
     def _read(self, reading: Reading) -> None:
         if self._tap is not None:
             self._tap(self.vehicle, reading)
-        if self._estimator is not None:
-            self._judge(self._estimator.feed(reading))
+        if self._bench is not None:
+            said = self._bench.feed(reading)
+            if said:
+                self._judge(said)
 
     def _tell_flight(self, t: float) -> None:
         if self._armed is not None or self._landed is not None:
             self._read(FlightReading(t, self._armed, self._landed))
+
+    def _tell_all_known(self, t: float) -> None:
+        """Tell new or reset estimators what is said only when it changes."""
+        self._tell_flight(t)
+        if self.imu.rate():
+            self._read(self.imu.filtering(t, self.autopilot))
 
     def _routine(self, t: float) -> None:
         """Do what falls due with time: assume an airframe, say what is missing, estimate regularly."""
@@ -261,35 +292,34 @@ class VehicleMonitor:
             if assumed is not None:
                 self._adopt(assumed)
         self._tell_needs(t)
-        if self._estimator is not None:
-            estimates = self._estimator.estimates(t)
+        if self._bench is not None:
+            estimates = self._bench.routine(t)
             self._pending += [self._estimate_event(estimate) for estimate in estimates]
             self._judge(estimates)
         self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
+        if self._desk is None:
+            return
         for estimate in estimates:
-            worst = self.worst.get(estimate.rotor)
-            if worst is None or _badness(estimate) > _badness(worst):
-                self.worst[estimate.rotor] = estimate
-            if self._desk is not None:
+            if estimate.estimator == ALARMING:
                 self._pending += [self._alert_event(alert) for alert in self._desk.feed(estimate)]
 
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
         try:
-            self._estimator = EffectivenessEstimator(airframe, self._config)
+            bench = EstimatorBench(airframe, self._names, self._mode)
         except AirframeError as error:
             self._unusable = str(error)
             if airframe.source is AirframeSource.FILE:
                 raise
             return
         self._unusable = ""
+        self._bench = bench
         self.airframe = airframe
-        self.worst.clear()
         self.rotors.set_airframe(airframe)
         self._desk = AlertDesk(airframe, self._desk.count if self._desk is not None else 0)
-        self._tell_flight(self.last_t)
+        self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
 
     def _source_is_worse_than(self, source: AirframeSource) -> bool:
@@ -372,43 +402,3 @@ class VehicleMonitor:
         )
         self.alerts.append(event)
         return event
-
-
-def _badness(estimate: Estimate) -> tuple[float, int]:
-    """Order for "worst": the likeliest failure, then the estimate, then anything but unknown."""
-    p = estimate.failure_probability
-    return (p, estimate.status is Status.VALID) if p == p else (-1.0, 0)
-
-
-def describe_airframe(airframe: Airframe) -> dict[str, Any]:
-    """Return the airframe as the event schema has it."""
-    return {
-        "name": airframe.name,
-        "source": airframe.source.value,
-        "metric": airframe.metric,
-        "warnings": airframe.warnings,
-        "rotors": tuple(
-            {
-                "motor": rotor.motor,
-                "rotor": rotor.esc,
-                "position": rotor.position,
-                "spin": {1: "ccw", -1: "cw", 0: None}[rotor.spin],
-                "seat": airframe.seat(k),
-            }
-            for k, rotor in enumerate(airframe.rotors)
-        ),
-    }
-
-
-def describe_state(estimate: Estimate) -> dict[str, Any]:
-    """Return one rotor's state as the summary has it."""
-    return {
-        "t": estimate.t,
-        "value": estimate.value,
-        "std": estimate.std,
-        "failure_probability": estimate.failure_probability,
-        "status": estimate.status.value,
-        "reasons": tuple(reason.value for reason in estimate.reasons),
-        "why": "; ".join(REASON_TEXT[reason] for reason in estimate.reasons),
-        "detectable": estimate.detectable,
-    }

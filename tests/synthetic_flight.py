@@ -10,11 +10,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Rotor
-from gcs_health.samples import FlightReading, ImuReading, Reading, RotorReading
+from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Motor, Rotor
+from gcs_health.samples import FlightReading, ImuFilterReading, ImuReading, Reading, RotorReading
 
 GRAVITY = 9.80665
 HOVER = 600.0  # rad/s
+MASS, RADIUS = 1.5, 0.13  # kg, m
+MOTOR = Motor(
+    torque_constant=0.01, torque=3e-7, friction=1e-5, inertia=4e-5, resistance=0.1, current_side="motor"
+)
+VOLTS = 12.0
 
 
 def airframe(rotors: int, coaxial: bool = False, known: bool = True) -> Airframe:
@@ -25,7 +30,7 @@ def airframe(rotors: int, coaxial: bool = False, known: bool = True) -> Airframe
         arm = i % arms
         angle = 2.0 * math.pi * (arm + 0.5) / arms
         spin = 1 if (arm + (i // arms if coaxial else 0)) % 2 else -1
-        made.append(Rotor(i + 1, i, (0.3 * math.cos(angle), 0.3 * math.sin(angle), 0.0), spin))
+        made.append(Rotor(i + 1, i, (0.3 * math.cos(angle), 0.3 * math.sin(angle), 0.0), spin, RADIUS))
     thrust = GRAVITY / rotors / HOVER**2
     gains = Effectiveness(
         roll=160.0 / rotors / HOVER**2,
@@ -38,6 +43,8 @@ def airframe(rotors: int, coaxial: bool = False, known: bool = True) -> Airframe
         f"synthetic {rotors}",
         tuple(made),
         AirframeSource.FILE,
+        mass=MASS,
+        motor=MOTOR if known else Motor(),
         effectiveness=gains if known else Effectiveness(),
     )
 
@@ -78,6 +85,7 @@ class Scenario:
     craft: Airframe | None = None
     noise: tuple[float, float] = (0.01, 0.4)  # rad/s, m/s²
     silent: tuple[int, ...] = field(default=())  # rotors without telemetry
+    unbalance: tuple[float, ...] = ()  # m_u r_u of each rotor [kg m]
 
 
 def fly(scenario: Scenario) -> Iterator[Reading]:
@@ -93,8 +101,14 @@ def fly(scenario: Scenario) -> Iterator[Reading]:
     speed = np.zeros(n)
     healthy = np.ones(n)
     next_imu = next_esc = 0.0
-    absent = (float("nan"),) * n
+    volts = (VOLTS,) * n
+    other = np.random.default_rng(s.seed + 10_000)  # what came later leaves the flight as it was
+    phase = other.uniform(0.0, 2.0 * math.pi, n)
+    spin = np.array([rotor.spin for rotor in craft.rotors])
+    uneven = np.array(s.unbalance or (0.0,) * n) / MASS
+    before = speed.copy()
     yield FlightReading(0.0, True, True)
+    yield ImuFilterReading(0.0, float("nan"), float("nan"), "none, by definition")
     for k in range(round(s.duration / s.loop)):
         t = k * s.loop
         if k % round(0.4 / s.loop) == 0:
@@ -110,6 +124,7 @@ def fly(scenario: Scenario) -> Iterator[Reading]:
         speed += (target - speed) * min(1.0, s.loop / 0.025)
         if s.stopped is not None and t >= s.at and speed[s.stopped] < 60.0:
             speed[s.stopped] = 0.0
+        phase += speed * s.loop
         push = G @ (healthy * speed**2)
         az = push[3] if flying else -GRAVITY
         if flying:
@@ -118,6 +133,9 @@ def fly(scenario: Scenario) -> Iterator[Reading]:
             next_imu += (1.0 / s.imu_hz) * (1.0 + s.jitter * rng.uniform(-1.0, 1.0))
             p, q, r = rate + rng.normal(0.0, s.noise[0], 3)
             ax, ay, dz = rng.normal(0.0, s.noise[1], 3)
+            # a force that turns with its rotor: clockwise from above is positive about z down
+            ax += float(np.sum(uneven * speed**2 * np.cos(phase)))
+            ay -= float(np.sum(uneven * speed**2 * spin * np.sin(phase)))
             yield ImuReading(t, *map(float, (ax, ay, az + dz, p, q, r)))
         if t >= next_esc:
             next_esc += 1.0 / s.esc_hz
@@ -125,4 +143,9 @@ def fly(scenario: Scenario) -> Iterator[Reading]:
                 float("nan") if i in s.silent else max(0.0, w + rng.normal(0.0, 1.0)) if w else 0.0
                 for i, w in enumerate(speed)
             ]
-            yield RotorReading(t, tuple(map(float, seen)), absent, absent)
+            torque = MOTOR.torque * healthy * speed**2 + MOTOR.friction * speed
+            torque += MOTOR.inertia * (speed - before) / s.loop
+            current = torque / MOTOR.torque_constant + other.normal(0.0, 0.1, n)
+            amps = [float("nan") if i in s.silent else i_ for i, i_ in enumerate(map(float, current))]
+            yield RotorReading(t, tuple(map(float, seen)), tuple(amps), volts)
+        before = speed.copy()

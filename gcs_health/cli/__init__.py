@@ -13,6 +13,7 @@ from importlib import import_module
 
 from gcs_health import __version__
 from gcs_health.errors import GcsHealthError
+from gcs_health.estimators import REGISTRY
 
 DONE, BUG, BAD_INPUT, ALERT, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -160,7 +161,14 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         "--mode",
         choices=("recommended", "paper"),
         default="recommended",
-        help="recommended: single-fault bank behind a flight gate; paper: the authors' own filter",
+        help="of the estimators; paper: each as its authors published it",
+    )
+    parser.add_argument(
+        "--estimators",
+        type=_estimators,
+        default=tuple(REGISTRY),
+        metavar="NAME,...",
+        help=f"which to run, of {', '.join(REGISTRY)} (default all)",
     )
     parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
     parser.add_argument(
@@ -174,6 +182,14 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
     )
+
+
+def _estimators(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(text.split(",")))
+    for name in names:
+        if name not in REGISTRY:
+            raise argparse.ArgumentTypeError(f"expected names of {', '.join(REGISTRY)}, got {name!r}")
+    return names
 
 
 def _positive(text: str) -> float:

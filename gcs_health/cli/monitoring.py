@@ -26,6 +26,7 @@ def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool =
     return Monitor(
         MonitorConfig(
             airframe=load_vehicle(options.vehicle) if options.vehicle else None,
+            estimators=options.estimators,
             mode=options.mode,
             estimate_rate=options.estimate_rate,
             keys=(_key(options.signing_key),) if options.signing_key else (),

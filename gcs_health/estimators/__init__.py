@@ -15,8 +15,8 @@ REGISTRY: dict[str, tuple[str, str]] = {
 }
 
 
-def load(name: str, airframe: "Airframe") -> "Estimator":
-    """Return a new estimator by its registry name, with its default configuration.
+def load(name: str, airframe: "Airframe", mode: str = "recommended") -> "Estimator":
+    """Return a new estimator by its registry name, in its "recommended" or "paper" mode.
 
     Raises
     ------
@@ -24,5 +24,6 @@ def load(name: str, airframe: "Airframe") -> "Estimator":
     AirframeError : it cannot work on this airframe.
     """
     module, attribute = REGISTRY[name]
-    made: Estimator = getattr(import_module(module), attribute)(airframe)
+    kind = getattr(import_module(module), attribute)
+    made: Estimator = kind(airframe, kind.Config(mode=mode))
     return made

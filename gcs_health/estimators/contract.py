@@ -6,7 +6,7 @@ I/O, reads no clock, holds plain values only (so that it pickles), and never rai
 
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from gcs_health.samples import Reading
 
@@ -49,6 +49,8 @@ class Reason(StrEnum):
     MOTOR_STOPPED = "motor_stopped"
     ANOTHER_ROTOR_FAILED = "another_rotor_failed"
     LITTLE_EXCITATION = "little_excitation"
+    NO_CURRENTS = "no_currents"
+    NO_MODEL = "no_model"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -69,6 +71,8 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.MOTOR_STOPPED: "the motor stands still: its effectiveness cannot be seen",
     Reason.ANOTHER_ROTOR_FAILED: "another rotor has failed",
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
+    Reason.NO_CURRENTS: "no motor currents in the stream",
+    Reason.NO_MODEL: "no model was trained for this vehicle",
 }
 
 
@@ -102,10 +106,28 @@ class Estimate(NamedTuple):
     evidence: tuple[tuple[str, float | str], ...] = ()
 
 
+class Missing(NamedTuple):
+    """What an estimator says without an input: `absent` when it never came, `stale` when it stopped."""
+
+    absent: Reason
+    stale: Reason
+
+
 class Estimator(Protocol):
-    """One published method, online."""
+    """One published method, online. Made by `Type(airframe, Type.Config(mode=...))`.
+
+    Attributes
+    ----------
+    name : in the registry.
+    quantities : what it estimates of every rotor, in the order of `estimates`.
+    takes : the kinds of reading that it wants; others are not fed to it.
+    needs : those without which it cannot estimate, and what it says then.
+    """
 
     name: str
+    quantities: ClassVar[tuple[Quantity, ...]]
+    takes: ClassVar[frozenset[type]]
+    needs: ClassVar[dict[type, Missing]]
 
     def feed(self, reading: Reading) -> Iterable[Estimate]:
         """Take one reading; return estimates only where a decision about a rotor changed with it."""

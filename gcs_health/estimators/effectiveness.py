@@ -12,10 +12,11 @@ A motor that stands still makes its own effectiveness unobservable; it is found 
 """
 
 import math
+from typing import ClassVar
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
-from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
+from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
 from gcs_health.estimators.effectiveness_config import EffectivenessConfig
 from gcs_health.estimators.effectiveness_inputs import Inputs
 from gcs_health.estimators.effectiveness_paper import PaperFilter
@@ -57,6 +58,13 @@ class EffectivenessEstimator:
     """
 
     name = "effectiveness"
+    Config = EffectivenessConfig
+    quantities: ClassVar[tuple[Quantity, ...]] = (Quantity.EFFECTIVENESS,)
+    takes: ClassVar[frozenset[type]] = frozenset({ImuReading, RotorReading, CommandReading, FlightReading})
+    needs: ClassVar[dict[type, Missing]] = {
+        ImuReading: Missing(Reason.NO_IMU, Reason.IMU_STALE),
+        RotorReading: Missing(Reason.NO_ROTOR_SPEEDS, Reason.ROTOR_SPEED_STALE),
+    }
 
     def __init__(self, airframe: Airframe, config: EffectivenessConfig | None = None) -> None:
         self.airframe = airframe

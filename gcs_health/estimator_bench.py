@@ -1,0 +1,90 @@
+"""The estimators of one vehicle, side by side: who is fed what, and what each has said at its worst."""
+
+from collections.abc import Iterable
+
+from gcs_health.airframe import Airframe
+from gcs_health.errors import AirframeError
+from gcs_health.estimators import load
+from gcs_health.estimators.contract import Estimate, Estimator, Status
+from gcs_health.estimators.effectiveness import EffectivenessEstimator
+from gcs_health.samples import Reading
+
+Key = tuple[str, str, int]  # estimator, quantity, rotor
+
+
+class EstimatorBench:
+    """Estimators by registry name on one airframe.
+
+    Parameters
+    ----------
+    names : of the registry.
+    mode : "recommended" or "paper".
+
+    Attributes
+    ----------
+    refused : why an estimator cannot work on this airframe, by its name.
+    worst : the estimate nearest to a failure that was seen.
+
+    Raises
+    ------
+    AirframeError : none of them can work on this airframe.
+    """
+
+    def __init__(self, airframe: Airframe, names: tuple[str, ...], mode: str) -> None:
+        self.refused: dict[str, str] = {}
+        self.worst: dict[Key, Estimate] = {}
+        self._all: list[Estimator] = []
+        for name in names:
+            try:
+                self._all.append(load(name, airframe, mode))
+            except AirframeError as error:
+                self.refused[name] = str(error)
+        if not self._all and self.refused:
+            raise AirframeError(next(iter(self.refused.values())))
+        self._takers: dict[type, list[Estimator]] = {}
+
+    def feed(self, reading: Reading) -> list[Estimate]:
+        """Hand a reading to those who take it; return estimates about whose rotor a decision changed."""
+        kind = type(reading)
+        takers = self._takers.get(kind)
+        if takers is None:
+            takers = self._takers[kind] = [each for each in self._all if kind in each.takes]
+        said: list[Estimate] = []
+        for estimator in takers:
+            said += estimator.feed(reading)
+        if said:
+            self._note(said)
+        return said
+
+    def estimates(self, t: float) -> list[Estimate]:
+        """Return the present state of every rotor, estimator by estimator, at vehicle time `t` [s]."""
+        return [estimate for estimator in self._all for estimate in estimator.estimates(t)]
+
+    def routine(self, t: float) -> list[Estimate]:
+        """Do as `estimates`, and keep the worst."""
+        said = self.estimates(t)
+        self._note(said)
+        return said
+
+    def reset(self) -> None:
+        """Forget what was learned in flight; what was worst stays."""
+        for estimator in self._all:
+            estimator.reset()
+
+    @property
+    def effectiveness(self) -> EffectivenessEstimator | None:
+        """The effectiveness estimator, if it is among them."""
+        return next((each for each in self._all if isinstance(each, EffectivenessEstimator)), None)
+
+    def _note(self, estimates: Iterable[Estimate]) -> None:
+        for estimate in estimates:
+            key = (estimate.estimator, estimate.quantity, estimate.rotor)
+            worst = self.worst.get(key)
+            if worst is None or _badness(estimate) > _badness(worst):
+                self.worst[key] = estimate
+
+
+def _badness(estimate: Estimate) -> tuple[float, int]:
+    """Order for "worst": the likeliest failure, then the estimate, then anything but unknown."""
+    p = estimate.failure_probability
+    return (p, estimate.status is Status.VALID) if p == p else (-1.0, 0)
