@@ -81,6 +81,29 @@ class Motor:
 
 
 @dataclass(frozen=True, slots=True)
+class Baseline:
+    """What healthy flights of this very vehicle showed (`gcs-health calibrate`); empty or None = not known.
+
+    Attributes
+    ----------
+    hover_speed [rad/s], hover_command [-] : medians in hover, in the order of the rotors.
+    vibration : horizontal level of the autopilot's VIBRATION [m/s²].
+    weight_offset : where the weight sits, forward and right of the rotors' centre [m].
+    std : standard deviations by the names above, one a value.
+    """
+
+    hover_speed: tuple[float, ...] = ()
+    hover_command: tuple[float, ...] = ()
+    vibration: float | None = None
+    weight_offset: tuple[float, ...] = ()
+    std: tuple[tuple[str, tuple[float, ...]], ...] = ()
+
+    def spread(self, name: str) -> tuple[float, ...]:
+        """Return the standard deviations of one of them; empty if not known."""
+        return dict(self.std).get(name, ())
+
+
+@dataclass(frozen=True, slots=True)
 class Airframe:
     """A multirotor as the estimators need it; rotors in order of `motor`."""
 
@@ -92,6 +115,8 @@ class Airframe:
     inertia: tuple[float, float, float] | None = None  # [kg m²] about x, y, z
     effectiveness: Effectiveness = Effectiveness()
     motor: Motor = Motor()
+    rotor_delay: float | None = None  # [s] to add to the stamps of rotor speeds; None = find in flight
+    baseline: Baseline = Baseline()
     warnings: tuple[str, ...] = ()
 
     def seat(self, rotor: int) -> str:

@@ -7,15 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Motor, Rotor
+from gcs_health.airframe import Airframe, AirframeSource, Baseline, Effectiveness, Motor, Rotor
 from gcs_health.errors import AirframeError
 
 SCHEMA = "gcs_health.vehicle/1"
 MIN_ROTORS, MAX_ROTORS = 3, 12
 
-_TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor"}
+_TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor", "telemetry", "baseline"}
 _ROTOR = {"motor", "esc", "position", "spin", "radius"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
+_STD = "std"  # sub-table of a table that `calibrate` wrote
+_BASELINE = {"hover_speed", "hover_command", "vibration", "weight_offset"}
 _MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "current_lag", "current_side"}
 _SIDES = ("motor", "battery")
 
@@ -55,14 +57,17 @@ class _Reader:
         if not isinstance(name, str):
             self._fail("name", f"expected text, got {name!r}")
         inertia = self._vector(table["inertia"], "inertia", positive=True) if "inertia" in table else None
+        rotors = self._rotors(table.get("rotor"))
         return Airframe(
             name=name,
-            rotors=self._rotors(table.get("rotor")),
+            rotors=rotors,
             source=AirframeSource.FILE,
             mass=self._optional(table, "mass", ""),
             inertia=inertia,
             effectiveness=self._effectiveness(table.get("effectiveness", {})),
             motor=self._motor(table.get("motor", {})),
+            rotor_delay=self._telemetry(table.get("telemetry", {})),
+            baseline=self._baseline(table.get("baseline", {}), len(rotors)),
         )
 
     def _rotors(self, rows: Any) -> tuple[Rotor, ...]:
@@ -99,20 +104,53 @@ class _Reader:
         )
 
     def _effectiveness(self, row: Any) -> Effectiveness:
-        if not isinstance(row, dict):
-            self._fail("effectiveness", "expected a table")
-        self._keys(row, _EFFECTIVENESS, "effectiveness.")
+        row = self._table(row, "effectiveness", _EFFECTIVENESS)
         return Effectiveness(**{key: self._optional(row, key, "effectiveness.") for key in row})
 
     def _motor(self, row: Any) -> Motor:
-        if not isinstance(row, dict):
-            self._fail("motor", "expected a table")
-        self._keys(row, _MOTOR, "motor.")
+        row = self._table(row, "motor", _MOTOR)
         side = row.get("current_side")
         if side is not None and side not in _SIDES:
             self._fail("motor.current_side", f"expected 'motor' or 'battery', got {side!r}")
         numbers = {key: self._optional(row, key, "motor.") for key in row if key != "current_side"}
         return Motor(current_side=side, **numbers)
+
+    def _telemetry(self, row: Any) -> float | None:
+        row = self._table(row, "telemetry", {"rotor_delay"})
+        return self._number(row["rotor_delay"], "telemetry.rotor_delay") if "rotor_delay" in row else None
+
+    def _baseline(self, row: Any, rotors: int) -> Baseline:
+        spreads = row.get(_STD, {}) if isinstance(row, dict) else {}
+        row = self._table(row, "baseline", _BASELINE)
+        return Baseline(
+            hover_speed=self._list(row, "hover_speed", rotors),
+            hover_command=self._list(row, "hover_command", rotors),
+            vibration=self._optional(row, "vibration", "baseline."),
+            weight_offset=self._list(row, "weight_offset", 2),
+            std=tuple((key, _tuple(value)) for key, value in sorted(spreads.items())),
+        )
+
+    def _table(self, row: Any, at: str, known: set[str]) -> dict[str, Any]:
+        """Check a table of numbers and its standard deviations; return it without these."""
+        if not isinstance(row, dict):
+            self._fail(at, "expected a table")
+        self._keys(row, known | {_STD}, f"{at}.")
+        spreads = row.get(_STD, {})
+        if not isinstance(spreads, dict):
+            self._fail(f"{at}.{_STD}", "expected a table")
+        self._keys(spreads, known, f"{at}.{_STD}.")
+        for key, value in spreads.items():
+            for item in _tuple(value):
+                self._number(item, f"{at}.{_STD}.{key}")
+        return {key: value for key, value in row.items() if key != _STD}
+
+    def _list(self, row: dict[str, Any], key: str, count: int) -> tuple[float, ...]:
+        if key not in row:
+            return ()
+        value = row[key]
+        if not isinstance(value, list) or len(value) != count:
+            self._fail(f"baseline.{key}", f"expected {count} numbers, got {value!r}")
+        return tuple(self._number(item, f"baseline.{key}[{k}]") for k, item in enumerate(value))
 
     def _keys(self, table: dict[str, Any], known: set[str], at: str) -> None:
         for key in table:
@@ -144,6 +182,10 @@ class _Reader:
 
     def _fail(self, at: str, what: str) -> Any:
         raise AirframeError(f"{self._file}: {at}: {what}")
+
+
+def _tuple(value: Any) -> tuple[Any, ...]:
+    return tuple(value) if isinstance(value, list) else (value,)
 
 
 _UNIQUE: dict[str, Callable[[Rotor], Any]] = {

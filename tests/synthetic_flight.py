@@ -36,7 +36,6 @@ def airframe(rotors: int, coaxial: bool = False, known: bool = True) -> Airframe
         roll=160.0 / rotors / HOVER**2,
         pitch=160.0 / rotors / HOVER**2,
         yaw=12.0 / rotors / HOVER**2 if rotors > 3 else None,  # three rotors cannot hold their yaw
-        yaw_inertia=0.0,
         thrust=thrust,
     )
     return Airframe(

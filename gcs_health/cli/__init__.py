@@ -124,6 +124,15 @@ def _parser() -> argparse.ArgumentParser:
     graft.add_argument("-o", "--output", required=True, metavar="FAULTY.tlog")
     graft.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
 
+    calibrate = commands.add_parser(
+        "calibrate", help="from healthy flights, a vehicle file with what the estimators need"
+    )
+    calibrate.add_argument("files", nargs="+", metavar="HEALTHY.tlog", help="of one vehicle, without faults")
+    calibrate.add_argument("-o", "--output", required=True, metavar="VEHICLE.toml")
+    calibrate.add_argument(
+        "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
+    )
+
     detect = commands.add_parser("detectability", help="which faults would be found on this airframe")
     detect.add_argument("files", nargs="+", metavar="HEALTHY.tlog")
     detect.add_argument(

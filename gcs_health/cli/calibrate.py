@@ -1,0 +1,98 @@
+"""`gcs-health calibrate`: from healthy flights, the vehicle file with all that the estimators need."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from gcs_health import __version__
+from gcs_health.airframe import Airframe, AirframeSource
+from gcs_health.calibration.columns import FlightColumns, columns
+from gcs_health.calibration.control_gains import control_gains
+from gcs_health.calibration.findings import Finding, pool
+from gcs_health.calibration.hover import hover
+from gcs_health.calibration.vehicle_text import vehicle_text
+from gcs_health.cli import DONE
+from gcs_health.errors import ConfigError, LogError
+from gcs_health.mavlink.tlog import open_log
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.samples import Reading
+from gcs_health.vehicle_file import load_vehicle
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read every flight, pool what they teach, write the file, say what was found and what was not."""
+    given = load_vehicle(options.vehicle) if options.vehicle else None
+    airframe, flights = None, []
+    for name in options.files:
+        seen, flight = _flight(name, given)
+        if airframe is not None and seen.rotors != airframe.rotors:
+            raise LogError(f"{name}: its rotors are not those of {options.files[0]}: another vehicle")
+        airframe = seen
+        flights.append(flight)
+    assert airframe is not None
+    findings = _pooled([_findings(flight, airframe) for flight in flights])
+    names = ", ".join(Path(name).name for name in options.files)
+    text = vehicle_text(airframe, findings, f"gcs-health {__version__} calibrate: {names}")
+    try:
+        Path(options.output).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{options.output}: cannot write: {error.strerror}") from None
+    for finding in findings:
+        print(_line(finding))
+    print(f"{options.output}: {sum(finding.found for finding in findings)} of {len(findings)} identified")
+    return DONE
+
+
+def _flight(name: str, given: Airframe | None) -> tuple[Airframe, FlightColumns]:
+    """Read one flight.
+
+    Raises
+    ------
+    LogError : nothing to learn from: no vehicle, no geometry, or an alert in it.
+    """
+    readings: dict[str, list[Reading]] = {}
+    with open_log(name) as log:
+        monitor = Monitor(
+            MonitorConfig(
+                airframe=given,
+                stamped=log.stamped,
+                tap=lambda vehicle, reading: readings.setdefault(vehicle, []).append(reading),
+            )
+        )
+        for block in log.blocks():
+            monitor.feed(block)
+        monitor.finish()
+    vehicles = [vehicle for vehicle in monitor.vehicles() if vehicle.airframe is not None]
+    if not vehicles:
+        raise LogError(f"{name}: no vehicle whose geometry is known; give --vehicle FILE.toml")
+    if len(vehicles) > 1:
+        print(f"{name}: {len(vehicles)} vehicles; taking {vehicles[0].vehicle}", file=sys.stderr)
+    vehicle = vehicles[0]
+    assert vehicle.airframe is not None
+    if vehicle.alerts:
+        raise LogError(f"{name}: not a healthy flight: {vehicle.alerts[0].text}")
+    if vehicle.airframe.source is AirframeSource.ASSUMED:
+        raise LogError(f"{name}: the geometry is only assumed; give --vehicle FILE.toml")
+    came = readings.get(vehicle.vehicle, [])
+    return vehicle.airframe, columns(Path(name).name, came, len(vehicle.airframe.rotors))
+
+
+def _findings(flight: FlightColumns, airframe: Airframe) -> list[Finding]:
+    return [*control_gains(flight, airframe), *hover(flight, airframe)]
+
+
+def _pooled(flights: list[list[Finding]]) -> list[Finding]:
+    """Pool every quantity over the flights, in the order of the first that asked for it."""
+    by_key: dict[tuple[str, str], list[Finding]] = {}
+    for findings in flights:
+        for finding in findings:
+            by_key.setdefault((finding.table, finding.key), []).append(finding)
+    return [pool(findings) for findings in by_key.values()]
+
+
+def _line(finding: Finding) -> str:
+    name = f"{finding.table}.{finding.key}"
+    if not finding.found:
+        return f"{name:<27}-  {finding.why}"
+    values = " ".join(f"{v:.4g} ± {s:.1g}" for v, s in zip(finding.values, finding.stds, strict=True))
+    return f"{name:<27}{values}  ({finding.why})"
