@@ -4,7 +4,7 @@ The CRC is the remainder of the message, as a polynomial over GF(2), modulo P = 
 GF(2) the square of a sum is the sum of the squares, so P divides x^(16 m) + x^(12 m) + x^(5 m) + 1 for
 m = 1, 2, 4, 8, 16: a bit may be struck out if the bits 4 m, 11 m and 16 m places further on are flipped.
 That strikes out the leading eight bytes of all frames with a few exclusive ors of whole columns. Once 16
-bytes are left a table of all two-byte steps ends it. (The table for all bytes takes twice as long.)
+bytes are left a table of all two-byte steps ends it. (The table for all bytes takes half as long again.)
 """
 
 from functools import cache

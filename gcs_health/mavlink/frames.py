@@ -5,8 +5,8 @@ its way again behind it. What is dropped is counted by reason. Memory is bounded
 the only thing carried over is the unfinished record.
 
 Three ways with one result, chosen by what measures fastest (benchmarks/decode.py): a stream of good
-frames is read in one loop, all in `feed`, because a call more shows in one-frame datagrams; a large piece of a .tlog by columns (`blocks`); all else record by record
-(`framing`).
+frames is read in one loop, all in `feed`, because a call more shows in one-frame datagrams; a large
+piece of a .tlog by columns (`blocks`); all else record by record (`framing`).
 """
 
 import struct
