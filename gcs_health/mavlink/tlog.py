@@ -10,7 +10,7 @@ from gcs_health.errors import LogError
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.framing import hunt
 
-BLOCK = 1 << 18  # bytes; memory is bounded by it, whatever the log's length
+BLOCK = 1 << 19  # bytes; memory is bounded by it, whatever the log's length (benchmarks/decode.py)
 # A log of ours holds a checked frame within its first MiB however damaged; what does not is no log
 SEARCHED = 1 << 20
 
