@@ -2,11 +2,12 @@
 
     python benchmarks/rivals.py > benchmarks/rivals.md
 
-IMU at 200 Hz, rotor speeds, currents and commands at 100 Hz, without MAVLink between. Each baseline is told
-the vehicle's nominal control effectiveness, and its threshold is set for each vehicle from healthy flights in
-hover, wind and aggressive flight of seeds 1 on: 1.3 times the highest score that one of them held, as PX4
-advises for its own check. ArduCopter's checks have no threshold to set. "effectiveness" is ours as it ships:
-it learns the effectiveness in flight and is not tuned here; "effectiveness, paper" gets the nominal one.
+IMU at 125 Hz, rotor speeds, currents and commands at 100 Hz, physics at 500 Hz, no MAVLink between. Each
+baseline is told the vehicle's nominal control effectiveness, and its threshold is set for each vehicle from
+healthy flights in hover, wind and aggressive flight of seeds 1 on: 1.3 times the highest score that one of
+them held, as PX4 advises for its own check. ArduCopter's checks have no threshold to set. "effectiveness" is
+ours as it ships: it learns the effectiveness in flight and is not tuned here; "effectiveness, paper" gets
+the nominal one.
 
 Reported flights have other seeds (--seed on). Faults come in random flight in 4 m/s of wind; found = named
 within 2 s; a verdict before the fault counts as early, and not as found. Healthy: aggressive flight, and
@@ -37,8 +38,8 @@ from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import Scenario, load_scenario
 from gcs_health.simulate.telemetry import BOOTED
 
-DURATION, HEIGHT = 26.0, 9.0  # s, m: at height from 8 s on
-FAULT_AT, WITHIN = (17.0, 23.0), 2.0  # s
+DURATION, HEIGHT = 22.0, 7.5  # s, m: at height from 7 s on
+FAULT_AT, WITHIN = (15.0, 19.5), 2.0  # s
 MARGIN = 1.3
 LEAST = {"multiple_model": math.log(9.0)}  # threshold where no healthy flight comes near one
 LEAST_LOSS = 0.2
@@ -56,12 +57,13 @@ Maker = Callable[[], Watcher]
 def plan(vehicle: str, changes: list[str]) -> Scenario:
     """Return one kind of flight."""
     common = [f"vehicle={vehicle}", f"trajectory.duration={DURATION}", f"trajectory.height={HEIGHT}"]
-    return load_scenario("healthy_quad", [*common, "trajectory.lands=false", *changes])
+    common += ["trajectory.lands=false", "physics_rate=500", "sensors.imu_integration_rate=250"]
+    return load_scenario("healthy_quad", [*common, *changes])
 
 
 def fly(vehicle: str, changes: list[str], seeds: list[int], faults: tuple[Fault, ...] = ()) -> Flights:
     """Fly at the rates of this benchmark."""
-    return fly_many(plan(vehicle, changes), seeds, 200.0, 100.0, faults)
+    return fly_many(plan(vehicle, changes), seeds, 125.0, 100.0, faults)
 
 
 def readings(flights: Flights, k: int) -> list[Reading | ControlReading]:
@@ -228,7 +230,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--flights", type=int, default=24, help="a kind of fault, and of healthy flight")
-    parser.add_argument("--calibration", type=int, default=8, help="flights of each healthy kind that tune")
+    parser.add_argument("--calibration", type=int, default=6, help="flights of each healthy kind that tune")
     parser.add_argument("--seed", type=int, default=20000)
     parser.add_argument("--vehicles", nargs="*", default=["bebop2", "melczer_hexa"])
     args = parser.parse_args()
