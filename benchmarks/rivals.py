@@ -139,6 +139,8 @@ def calibrated(vehicle: str, seeds: list[int]) -> dict[str, dict[str, float]]:
                     over = max(over, method.over_judge.peak)
     for name, peak in peaks.items():
         threshold = max(MARGIN * peak, LEAST.get(name, LEAST_LOSS))
+        if name == "px4_1_16":  # what is set there is a current, the rest of the score
+            threshold = 1.0 - max(1.0 - peak, 0.0) / MARGIN
         options[name] = {**given.get(name, {}), "threshold": threshold}
     options["px4_main"] |= {
         "under": options["px4_main"]["threshold"],
@@ -229,7 +231,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--flights", type=int, default=24, help="a kind of fault, and of healthy flight")
+    parser.add_argument("--flights", type=int, default=16, help="a kind of fault, and of healthy flight")
     parser.add_argument("--calibration", type=int, default=6, help="flights of each healthy kind that tune")
     parser.add_argument("--seed", type=int, default=20000)
     parser.add_argument("--vehicles", nargs="*", default=["bebop2", "melczer_hexa"])

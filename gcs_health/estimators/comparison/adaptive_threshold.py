@@ -1,10 +1,11 @@
 """Thresholds that follow the residual, (5.8), and the plainest signal they can be laid on.
 
-    rho± = k1 mean(r) ± k2 std(r) + k3        over [t - T, t - guard]
+    rho± = mean(r) ± [(k1 - 1) |mean(r)| + k2 std(r) + k3]        over [t - T, t - guard]
 
-(5.8) integrates over the future and takes signed deviations, which sum to 0; the causal form with the
-standard deviation is meant. The guard keeps a beginning fault out of its own threshold, and under
-suspicion the window stands still: else a slow fault teaches the threshold.
+(the paper's two k1, one above and one below 1, written as one). (5.8) integrates over the future and takes
+signed deviations, which sum to 0; the causal form with the standard deviation is meant. The guard keeps a
+beginning fault out of its own threshold, and under suspicion the window stands still: else a slow fault
+teaches the threshold.
 
 Source: Freddi et al. (2012) in Melczer (2019), 3.2 and 5.1; sheet 3.
 """
@@ -16,7 +17,7 @@ from gcs_health.airframe import Airframe
 from gcs_health.estimators.comparison import Judge, Verdict, towards
 from gcs_health.samples import FlightReading, Reading, RotorReading
 
-LOW_PASS = 0.1  # s
+LOW_PASS = 0.3  # s, longer than a rotor takes to change its speed
 
 
 class AdaptiveThreshold:
@@ -42,13 +43,13 @@ class AdaptiveThreshold:
         return bool(self._inside) and self._inside[-1][0] - self._inside[0][0] > 0.5 * self.window
 
     def bounds(self) -> tuple[float, float]:
-        """Return (mean k1, half width k2 std + k3) of the window; NaN before anything is in it."""
+        """Return (mean, half width) of the window; NaN before anything is in it."""
         n = len(self._inside)
         if not n:
             return math.nan, math.nan
         mean = self._sum / n
         std = math.sqrt(max(self._squares / n - mean * mean, 0.0))
-        return self.k1 * mean, self.k2 * std + self.k3
+        return mean, (self.k1 - 1.0) * abs(mean) + self.k2 * std + self.k3
 
     def feed(self, t: float, r: float, frozen: bool = False) -> float:
         """Take a residual; return how many half widths it lies from the mean (0 before `ready`)."""
@@ -75,15 +76,14 @@ class CurrentThreshold:
 
     Both are low-passed alike first: what accelerates the rotor is current too.
 
-    Scores are half widths below or above the mean [-]. Suspicion freezes: more than `suspect` half widths.
+    Scores are half widths below the mean [-]: a load that is gone. Six tenths of the threshold are suspicious
+    and freeze the window.
     """
 
-    def __init__(
-        self, airframe: Airframe, threshold: float = 6.0, hold: float = 0.05, suspect: float = 4.0
-    ) -> None:
+    def __init__(self, airframe: Airframe, threshold: float = 3.0, hold: float = 0.1) -> None:
         self.judge = Judge(threshold, hold)
-        self._suspect = suspect
-        self._bounds = [AdaptiveThreshold() for _ in airframe.rotors]
+        self._suspect = 0.6 * threshold
+        self._bounds = [AdaptiveThreshold(k1=1.1) for _ in airframe.rotors]
         self._excess = [0.0] * len(airframe.rotors)
         self._current = [math.nan] * len(airframe.rotors)
         self._square = [math.nan] * len(airframe.rotors)
@@ -103,7 +103,7 @@ class CurrentThreshold:
             if speed == speed and current == current and speed > 1.0:
                 self._current[i] = towards(self._current[i], current, share)
                 self._square[i] = towards(self._square[i], speed * speed, share)
-                frozen = abs(self._excess[i]) > self._suspect
+                frozen = -self._excess[i] > self._suspect
                 ratio = self._current[i] / self._square[i]
                 self._excess[i] = self._bounds[i].feed(reading.t, ratio, frozen)
-        return self.judge.feed(reading.t, [abs(excess) for excess in self._excess])
+        return self.judge.feed(reading.t, [-excess for excess in self._excess])
