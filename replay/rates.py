@@ -160,6 +160,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--estimators", nargs="*", default=list(ENTRIES), choices=list(ENTRIES))
+    parser.add_argument("--vehicles", nargs="*", help="of an entry's; all")
     parser.add_argument("--flights", type=int, default=12, help="with the fault, and as many healthy ones")
     parser.add_argument("--seed", type=int, default=30000)
     parser.add_argument("--quick", action="store_true", help="two flights at two rates")
@@ -172,7 +173,10 @@ def main(arguments: list[str] | None = None) -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for name in args.estimators:
-        for row in rows(name, ENTRIES[name], count, args.seed, rates):
+        entry = ENTRIES[name]
+        if args.vehicles:
+            entry = replace(entry, vehicles=tuple(v for v in entry.vehicles if v in args.vehicles))
+        for row in rows(name, entry, count, args.seed, rates):
             print(row, flush=True)
 
 

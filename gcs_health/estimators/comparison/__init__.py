@@ -1,9 +1,10 @@
 """Published baselines, out of the live path: benchmarks and documents compare the estimators with them.
 
 Each is one small class: readings in, verdicts out. A method gives every rotor a score at each of its
-steps; a rotor is named when it alone has led above the threshold for the hold time. What the score is
-(a loss, a log odds, an ampere) each method says; `benchmarks/rivals.py` sets all thresholds the same
-way, from healthy flights that it does not report.
+steps; a rotor is named when its score has stayed above the threshold for the hold time. What the score
+is (a loss, a log odds, an ampere) each method says; `benchmarks/rivals.py` sets all thresholds the same
+way, from healthy flights that it does not report. ArduCopter's two checks stand apart in
+`ardupilot_checks.py`: no scores, and inputs that no telemetry carries.
 
 `METHODS` names them without importing any; `load` makes one.
 """
