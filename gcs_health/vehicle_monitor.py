@@ -12,11 +12,21 @@ from gcs_health.errors import AirframeError
 from gcs_health.estimator_bench import EstimatorBench
 from gcs_health.estimators.contract import Estimate
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
-from gcs_health.fusion.alerts import Alert, AlertDesk
+from gcs_health.fusion.alerts import Alert
+from gcs_health.fusion.autopilot_words import AutopilotWords
+from gcs_health.fusion.panel import RotorPanel
+from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Need, effectiveness_needs
 from gcs_health.record.describe import describe_airframe
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VehicleEvent
+from gcs_health.record.events import (
+    AlertEvent,
+    AutopilotEvent,
+    EstimateEvent,
+    Event,
+    VehicleEvent,
+    VerdictEvent,
+)
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
     Battery,
@@ -28,10 +38,12 @@ from gcs_health.samples import (
     Heartbeat,
     Imu,
     LandedState,
+    Other,
     Outputs,
     Parameter,
     Reading,
     Sample,
+    StatusText,
     Vibration,
     VibrationReading,
 )
@@ -43,7 +55,6 @@ ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the g
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 CLOCK_WAIT_US = 2_000_000  # events wait so long for a first stamped message
 ON_GROUND = 1  # MAV_LANDED_STATE
-ALARMING = "effectiveness"  # the estimator whose failures raise alerts
 UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
 
@@ -97,7 +108,9 @@ class VehicleMonitor:
         self._due = -math.inf
         self._parameters = AirframeParameters()
         self._bench: EstimatorBench | None = None
-        self._desk: AlertDesk | None = None
+        self._panel: RotorPanel | None = None
+        self._words = AutopilotWords()
+        self._told: dict[int, Verdict] = {}
         self._armed: bool | None = None
         self._landed: bool | None = None
         self._landed_heard = 0
@@ -112,7 +125,9 @@ class VehicleMonitor:
             Imu: self._on_imu,
             EscStatus: self._on_rotors,
             EscTelemetry: self._on_rotors,
-            EscInfo: self._on_rotors,
+            EscInfo: self._on_esc_info,
+            StatusText: self._on_words,
+            Other: self._on_words,
             Outputs: self._on_rotors,
             Parameter: self._on_parameter,
             Battery: self._on_battery,
@@ -215,6 +230,19 @@ class VehicleMonitor:
         if reading is not None:
             self._read(reading)
 
+    def _on_esc_info(self, t: float, sample: EscInfo) -> None:
+        self._on_rotors(t, sample)
+        if self._panel is not None:
+            self._panel.esc_info(t, sample)
+
+    def _on_words(self, t: float, sample: StatusText | Other) -> None:
+        word = self._words.feed(sample)
+        if word is not None and not word.before_arming:
+            relation = self._panel.relation(word) if self._panel is not None else "alone"
+            self._pending.append(
+                AutopilotEvent(t, self.last_us, self.vehicle, word.opinion, word.motors, word.text, relation)
+            )
+
     def _on_battery(self, t: float, sample: Battery) -> None:
         self._read(BatteryReading(t, sample.voltage, sample.current))
 
@@ -296,14 +324,42 @@ class VehicleMonitor:
             estimates = self._bench.routine(t)
             self._pending += [self._estimate_event(estimate) for estimate in estimates]
             self._judge(estimates)
+            if self._panel is not None:
+                self._pending += map(self._alert_event, self._panel.routine(t, self.rotors, self._flies()))
+                self._tell_verdicts(self._panel.verdicts)
         self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
-        if self._desk is None:
-            return
-        for estimate in estimates:
-            if estimate.estimator == ALARMING:
-                self._pending += [self._alert_event(alert) for alert in self._desk.feed(estimate)]
+        if self._panel is not None:
+            self._pending += [self._alert_event(alert) for alert in self._panel.feed(estimates)]
+
+    def _flies(self) -> bool:
+        """Whether the vehicle flies, as far as the autopilot says."""
+        return self._armed is not False and self._landed is not True
+
+    def _tell_verdicts(self, verdicts: list[Verdict]) -> None:
+        """Say what changed in what is believed of the rotors."""
+        assert self.airframe is not None
+        for verdict in verdicts:
+            before = self._told.get(verdict.rotor)
+            if before is not None and not _differ(before, verdict):
+                continue
+            self._told[verdict.rotor] = verdict
+            rotor = self.airframe.rotors[verdict.rotor]
+            self._pending.append(
+                VerdictEvent(
+                    verdict.t,
+                    self.last_us,
+                    self.vehicle,
+                    rotor.esc,
+                    rotor.motor,
+                    verdict.state,
+                    verdict.probability,
+                    verdict.known,
+                    verdict.since,
+                    verdict.sources,
+                )
+            )
 
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
@@ -318,7 +374,8 @@ class VehicleMonitor:
         self._bench = bench
         self.airframe = airframe
         self.rotors.set_airframe(airframe)
-        self._desk = AlertDesk(airframe, self._desk.count if self._desk is not None else 0)
+        self._panel = RotorPanel(airframe, self._panel.count if self._panel is not None else 0)
+        self._told.clear()
         self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
 
@@ -402,3 +459,10 @@ class VehicleMonitor:
         )
         self.alerts.append(event)
         return event
+
+
+def _differ(before: Verdict, now: Verdict) -> bool:
+    """Whether a verdict is worth telling after the one before."""
+    return (before.kind, before.known) != (now.kind, now.known) or abs(
+        before.probability - now.probability
+    ) >= 0.1
