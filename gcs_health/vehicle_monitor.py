@@ -18,14 +18,12 @@ from gcs_health.fusion.panel import RotorPanel
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Need, effectiveness_needs
-from gcs_health.record.describe import describe_airframe
+from gcs_health.record.describe import alert_event, describe_airframe, estimate_event, verdict_event
 from gcs_health.record.events import (
     AlertEvent,
     AutopilotEvent,
-    EstimateEvent,
     Event,
     VehicleEvent,
-    VerdictEvent,
 )
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
@@ -206,6 +204,8 @@ class VehicleMonitor:
         elif changed:
             self._say("identity", "the autopilot or vehicle type was heard")
         if sample.armed is not self._armed:
+            if sample.armed and self._armed is False and self._panel is not None:
+                self._alerts(self._panel.new_flight(t))
             self._armed = sample.armed
             self._tell_flight(t)
 
@@ -322,16 +322,18 @@ class VehicleMonitor:
         self._tell_needs(t)
         if self._bench is not None:
             estimates = self._bench.routine(t)
-            self._pending += [self._estimate_event(estimate) for estimate in estimates]
+            assert self.airframe is not None
+            head = (self.airframe, self.last_us, self.vehicle)
+            self._pending += [estimate_event(estimate, *head) for estimate in estimates]
             self._judge(estimates)
             if self._panel is not None:
-                self._pending += map(self._alert_event, self._panel.routine(t, self.rotors, self._flies()))
+                self._alerts(self._panel.routine(t, self.rotors, self._flies()))
                 self._tell_verdicts(self._panel.verdicts)
         self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
         if self._panel is not None:
-            self._pending += [self._alert_event(alert) for alert in self._panel.feed(estimates)]
+            self._alerts(self._panel.feed(estimates))
 
     def _flies(self) -> bool:
         """Whether the vehicle flies, as far as the autopilot says."""
@@ -342,24 +344,10 @@ class VehicleMonitor:
         assert self.airframe is not None
         for verdict in verdicts:
             before = self._told.get(verdict.rotor)
-            if before is not None and not _differ(before, verdict):
+            if before is not None and not verdict.differs(before):
                 continue
             self._told[verdict.rotor] = verdict
-            rotor = self.airframe.rotors[verdict.rotor]
-            self._pending.append(
-                VerdictEvent(
-                    verdict.t,
-                    self.last_us,
-                    self.vehicle,
-                    rotor.esc,
-                    rotor.motor,
-                    verdict.state,
-                    verdict.probability,
-                    verdict.known,
-                    verdict.since,
-                    verdict.sources,
-                )
-            )
+            self._pending.append(verdict_event(verdict, self.airframe, self.last_us, self.vehicle))
 
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
@@ -423,46 +411,8 @@ class VehicleMonitor:
             )
         )
 
-    def _estimate_event(self, estimate: Estimate) -> EstimateEvent:
-        assert self.airframe is not None
-        rotor = self.airframe.rotors[estimate.rotor]
-        return EstimateEvent(
-            estimate.t,
-            self.last_us,
-            self.vehicle,
-            estimate.estimator,
-            rotor.esc,
-            rotor.motor,
-            estimate.quantity.value,
-            estimate.value,
-            estimate.std,
-            estimate.failure_probability,
-            estimate.status.value,
-            tuple(reason.value for reason in estimate.reasons),
-            estimate.detectable,
-        )
-
-    def _alert_event(self, alert: Alert) -> AlertEvent:
-        event = AlertEvent(
-            alert.t,
-            self.last_us,
-            self.vehicle,
-            f"{self.vehicle}-{alert.number}",
-            alert.kind.code,
-            alert.rotor.esc,
-            alert.rotor.motor,
-            alert.state,
-            alert.kind.severity,
-            alert.probability,
-            alert.text,
-            dict(alert.evidence),
-        )
-        self.alerts.append(event)
-        return event
-
-
-def _differ(before: Verdict, now: Verdict) -> bool:
-    """Whether a verdict is worth telling after the one before."""
-    return (before.kind, before.known) != (now.kind, now.known) or abs(
-        before.probability - now.probability
-    ) >= 0.1
+    def _alerts(self, alerts: Iterable[Alert]) -> None:
+        for alert in alerts:
+            event = alert_event(alert, self.last_us, self.vehicle)
+            self.alerts.append(event)
+            self._pending.append(event)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
 
 NAN = float("nan")
+WORTH_TELLING = 0.1  # change of probability
 BOUND = 12.0  # nats that one source may move a kind's odds
 
 # prior odds against healthy, of one rotor at any moment: what maintenance records make plausible, and low enough that
@@ -82,6 +83,11 @@ class Verdict(NamedTuple):
     def state(self) -> str:
         """The kind in words; "unknown" where nothing speaks against health because nothing speaks at all."""
         return UNKNOWN if self.kind is Kind.HEALTHY and not self.known else self.kind.value
+
+    def differs(self, before: "Verdict") -> bool:
+        """Whether it is worth telling after the one before."""
+        moved = abs(before.probability - self.probability)
+        return self.state != before.state or moved >= WORTH_TELLING
 
     def of(self, kinds: Iterable[Kind]) -> float:
         """Return the probability that the rotor is in any of these states."""
