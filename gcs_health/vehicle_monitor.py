@@ -17,7 +17,7 @@ from gcs_health.fusion.autopilot_words import AutopilotWords
 from gcs_health.fusion.panel import RotorPanel
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
-from gcs_health.needs import Need, effectiveness_needs
+from gcs_health.needs import Input, Need, Stream, estimator_needs
 from gcs_health.record.describe import alert_event, describe_airframe, estimate_event, verdict_event
 from gcs_health.record.events import (
     AlertEvent,
@@ -175,12 +175,19 @@ class VehicleMonitor:
         key = (estimate.estimator, estimate.quantity, estimate.rotor)
         return self._bench.worst.get(key, estimate) if self._bench is not None else estimate
 
-    def needs(self) -> tuple[Need, ...]:
-        """List what the estimator needs against what the stream has."""
+    def needs(self) -> dict[str, tuple[Need, ...]]:
+        """List what each estimator needs against what the stream has, by its name."""
         span = self.last_t - self.first_t
-        landed = self._landed_heard / span if span > 0 else 0.0
-        known = self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED
-        return effectiveness_needs(self.imu.rate(), self._rotor_rate(), landed, known, self.autopilot)
+        rotor = self._rotor_rate()
+        stream = Stream(
+            self.imu.rate(),
+            rotor,
+            rotor if self.rotors.gives_current else 0.0,
+            self._landed_heard / span if span > 0 else 0.0,
+            self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED,
+            self.autopilot,
+        )
+        return {name: estimator_needs(name, stream) for name in self._names}
 
     def missing_parameters(self) -> str:
         """Say which parameters a geometry begun still lacks; empty if none."""
@@ -377,10 +384,13 @@ class VehicleMonitor:
         if self.unusable():
             self._say("notice", self.unusable())
             return
-        for need in self.needs():
-            if not need.met and need.wanted == need.wanted and need.wanted > 1.0:
-                have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
-                self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
+        told: set[Input] = set()  # several estimators lack the same
+        for need in (need for needs in self.needs().values() for need in needs):
+            if need.met or need.input in told or not need.wanted > 1.0:
+                continue
+            told.add(need.input)
+            have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
+            self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
 
     def _rotor_rate(self) -> float:
         if self.airframe is None:

@@ -184,5 +184,5 @@ def test_the_survey_counts_every_system_and_names_what_is_missing() -> None:
     ]
     assert survey.systems[1].messages[0].count == 10
     assert survey.systems[1].messages[0].rate == pytest.approx(1.0)
-    missing = [need.input.value for need in survey.vehicles[0].needs if not need.met]
+    missing = [need.input.value for need in survey.vehicles[0].needs["effectiveness"] if not need.met]
     assert missing == ["accelerations and rates", "rotor speeds", "airframe geometry", "landed state"]
