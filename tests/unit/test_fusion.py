@@ -1,6 +1,7 @@
 """Evidence to posterior, and the alert machine: each rule by itself."""
 
 import math
+from pathlib import Path
 
 import pytest
 from synthetic_flight import airframe
@@ -209,3 +210,10 @@ def test_every_kind_has_its_code_and_every_text_fits_a_line() -> None:
         assert row.advice.endswith(".")
         assert row.clear_at < row.raise_at
     assert set(FAILED) < set(FAULTS)
+
+
+def test_the_documented_table_is_the_catalogue() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "alerts.md").read_text("utf-8")
+    for row in CATALOGUE.values():
+        assert f"| `{row.code}` |" in page
+        assert row.advice in page
