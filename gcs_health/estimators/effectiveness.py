@@ -86,8 +86,9 @@ class EffectivenessEstimator:
         self._stopped_ratio = NAN
         self._inputs = Inputs(n, self.config.stale_after)
         self._speeds = self._inputs.speeds
-        self._t = -math.inf
+        self._t = math.inf  # of the newest reading; infinite before any
         self._first_t = math.inf
+        self._told: tuple[int | None, bool] = (None, False)  # what was decided when last something was said
         self._late_row = 0
         self._armed: bool | None = None
         self._still_since = NAN
@@ -95,19 +96,21 @@ class EffectivenessEstimator:
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates of the rotors about which a decision changed with it."""
-        if not self._in_order(reading.t):
+        t = reading.t
+        if self._t <= t < math.inf and not self._late_row:
+            self._t = t
+        elif not self._in_order(t):
             return []
-        was = self._failed()
-        doubted = self._contradicted()
         changed = self._take(reading)
         if self._flight_over and self._flies():
             self._new_flight()
             changed = True
         if not changed:
             return []
-        now = self._failed()
-        estimates = self.estimates(reading.t)
-        if self._contradicted() != doubted:
+        was, doubted = self._told
+        now, doubtful = self._told = (self._failed(), self._contradicted())
+        estimates = self.estimates(t)
+        if doubtful != doubted:
             return estimates
         return [estimate for estimate in estimates if now != was and estimate.rotor in (was, now)]
 
@@ -151,7 +154,7 @@ class EffectivenessEstimator:
         if t - t != 0.0:
             self.late += 1
             return False
-        if t < self._t:
+        if t < self._t < math.inf:
             # one late reading is for the parts to refuse; many on end mean that the clock was set back
             self.late += 1
             self._late_row += 1
@@ -168,11 +171,14 @@ class EffectivenessEstimator:
         return True
 
     def _take_speeds(self, reading: RotorReading) -> bool:
-        self._inputs.take_speeds(reading)
+        slowest = self._inputs.take_speeds(reading)
         changed = self._core.rotor_speeds(reading)
         hover = self._hover()
-        self._watch_flight_end(reading.t, hover)
-        if self._failed() is None:
+        if slowest > self.config.flight_over_speed * hover:
+            self._still_since = NAN
+        else:
+            self._watch_flight_end(reading.t, hover)
+        if self._stopped is None and self._core.failed is None:
             stopped = self._stopped_rule.feed(
                 reading.t, self._speeds, hover, self._inputs.commands, self._would_name(reading.t)
             )
