@@ -27,6 +27,7 @@ class Rotor:
     spin : +1 counter-clockwise seen from above (its reaction yaws the body nose-right, about +z),
         -1 clockwise, 0 unknown.
     radius : propeller radius [m], None if unknown.
+    hover_command : usual command in healthy hover, 0..1, None if unknown.
     """
 
     motor: int
@@ -34,6 +35,7 @@ class Rotor:
     position: tuple[float, float, float]
     spin: Literal[-1, 0, 1]
     radius: float | None = None
+    hover_command: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

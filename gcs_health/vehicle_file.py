@@ -14,7 +14,7 @@ SCHEMA = "gcs_health.vehicle/1"
 MIN_ROTORS, MAX_ROTORS = 3, 12
 
 _TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor"}
-_ROTOR = {"motor", "esc", "position", "spin", "radius"}
+_ROTOR = {"motor", "esc", "position", "spin", "radius", "hover_command"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
 _MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "current_lag", "current_side"}
 _SIDES = ("motor", "battery")
@@ -96,6 +96,7 @@ class _Reader:
             position=self._vector(row["position"], f"{at}.position"),
             spin=spin,  # type: ignore[arg-type]
             radius=self._optional(row, "radius", f"{at}."),
+            hover_command=self._optional(row, "hover_command", f"{at}."),
         )
 
     def _effectiveness(self, row: Any) -> Effectiveness:

@@ -100,6 +100,8 @@ class AlertDesk:
 def _what(estimate: Estimate) -> str:
     if Reason.MOTOR_STOPPED in estimate.reasons:
         return "motor stopped"
+    if ("rule", "hover_trim") in estimate.evidence:
+        return "gives less thrust"
     return "rotor lost its thrust"
 
 
