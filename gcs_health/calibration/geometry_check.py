@@ -20,7 +20,6 @@ import numpy as np
 
 from gcs_health.calibration.control_effectiveness import MomentRegression
 
-
 DETERMINED = 4  # rotors whose coefficients flight determines: roll, pitch, yaw and thrust
 
 
