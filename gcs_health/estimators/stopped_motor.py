@@ -1,10 +1,11 @@
-"""A motor that stands still while the others fly: found from the speeds alone.
+"""A motor that has stopped, from its speed against the others': a verdict of its own.
 
 Its effectiveness cannot be seen, since h_i = 0. The rule: below 25 % of hover speed for more than
 50 ms, while every other rotor turns above that and they average more than 60 %, in a flight that was
 under way. A rotor that never turned, one that is commanded off or low, and the single-rotor excitations
-of a hand throw are not failures. Without commands it must last longer: a hard roll or brake idles a rotor
-for a quarter of a second and more.
+of a hand throw are not failures; but one that fell behind the others while it was commanded to turn as
+they do has failed, even if a fault-tolerant controller orders it off before it stands. Without commands
+it must last longer: a hard roll or brake idles a rotor for a quarter of a second and more.
 
 Source: sheet 1 section 7, step 8; the guards are this project's.
 """
@@ -23,7 +24,9 @@ class StoppedConfig:
     hold: float = 0.05  # s, where the commands say that it should turn
     hold_unasked: float = 0.4  # s, without commands: hard flying idles a rotor that long; this project
     asked: float = 0.5  # of the others' mean command; less is an order to turn slowly; this project
+    as_others: float = 0.9  # of the others' mean command; this project
     flying: float = 0.5  # s that the others must have flown before
+    behind: float = 0.8  # of the others' mean speed; a motor that is commanded like them is not slower; this project
     command_off: float = 0.02  # a command below this is an order to stand still
 
 
@@ -36,6 +39,7 @@ class StoppedMotor:
         self._turned = [False] * rotors
         self._low_since = [math.nan] * rotors
         self._flying_since = math.nan
+        self._fell = [False] * rotors  # behind the others, against its command
         self._all_turn = False  # every rotor reports, turns and was not low last time
 
     def feed(
@@ -48,8 +52,11 @@ class StoppedMotor:
         still counts, since the controller idles the rotor opposite to a lost one.
         """
         c = self.config
-        if self._all_turn and min(speeds) >= c.stopped * hover:  # by far the most frequent case
-            if sum(speeds) > c.others * hover * len(speeds):
+        total, least = sum(speeds), min(speeds)
+        if least * len(speeds) < c.behind * total or any(self._fell):
+            self._watch_falling(speeds, commands)
+        if self._all_turn and least >= c.stopped * hover:  # by far the most frequent case
+            if total > c.others * hover * len(speeds):
                 if self._flying_since != self._flying_since:
                     self._flying_since = t
             else:
@@ -73,23 +80,35 @@ class StoppedMotor:
             return None
         return slow[0] if self._has_stopped(t, slow[0], commands) else None
 
+    def _watch_falling(self, speeds: list[float], commands: list[float]) -> None:
+        """Note rotors that fall behind the others while commanded as they are, and those that are back."""
+        total, count = sum(speeds), len(speeds)
+        for i, speed in enumerate(speeds):
+            mean = (total - speed) / (count - 1)
+            if speed > mean:
+                self._fell[i] = False
+            elif speed < self.config.behind * mean and self._asked(i, commands, self.config.as_others):
+                self._fell[i] = True
+
     def _has_stopped(self, t: float, rotor: int, commands: list[float]) -> bool:
         """Whether the one slow rotor once turned, is to turn, and has been slow long enough in flight."""
         c = self.config
-        if not self._turned[rotor] or commands[rotor] < c.command_off:
+        if not self._turned[rotor]:
             return False
-        asked = self._asked(rotor, commands)
-        if asked is False:
+        if commands[rotor] < c.command_off and not self._fell[rotor]:
+            return False
+        asked = self._fell[rotor] or self._asked(rotor, commands, c.asked)
+        if asked is False:  # None = nobody knows
             return False
         long_enough = t - self._low_since[rotor] > (c.hold if asked else c.hold_unasked)
         flew_before = self._low_since[rotor] - self._flying_since > c.flying
         return long_enough and flew_before
 
-    def _asked(self, rotor: int, commands: list[float]) -> bool | None:
-        """Whether the rotor is commanded to turn about as the others do; None where commands are not known."""
+    def _asked(self, rotor: int, commands: list[float], least: float) -> bool | None:
+        """Whether the rotor's command is `least` of the others' mean; None where commands are not known."""
         others = sum(commands) - commands[rotor]
         share = commands[rotor] * (self.rotors - 1)
-        return None if share != share or others != others else share >= self.config.asked * others
+        return None if share != share or others != others else share >= least * others
 
     def _sort(self, t: float, speeds: list[float], low: float) -> tuple[list[int], float, int]:
         """Return the slow rotors, the sum of all speeds and how many report."""

@@ -123,6 +123,17 @@ def test_a_motor_commanded_to_turn_that_does_not_is_named_at_once() -> None:
     assert told[0].t < 7.0 + 0.15
 
 
+def test_a_motor_that_fell_before_it_was_ordered_off_has_failed() -> None:
+    """A fault-tolerant controller gives up a motor that it sees failing: no order, but a consequence."""
+    estimator = EffectivenessEstimator(airframe(6))
+    told = []
+    for reading in fly(Scenario(6, duration=8.0, stopped=4)):
+        ordered = 0.0 if reading.t > 7.02 else 0.5
+        estimator.feed(CommandReading(reading.t, (0.5, 0.5, 0.5, 0.5, ordered, 0.5)))
+        told += estimator.feed(reading)
+    assert [(estimate.rotor, estimate.reasons) for estimate in told] == [(4, (Reason.MOTOR_STOPPED,))]
+
+
 def test_a_motor_ordered_to_stop_is_no_failure() -> None:
     estimator = EffectivenessEstimator(airframe(6))
     for reading in fly(Scenario(6, duration=8.0, stopped=4)):
