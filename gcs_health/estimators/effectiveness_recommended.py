@@ -7,7 +7,7 @@
 Ticks later than the last rotor speeds are judged with those speeds held and the covariance of their
 age, and once more when the next speeds arrive: a decision can fall on either message.
 
-A second, slow Kalman filter on 40 ms means follows small, lasting losses for display.
+Small, lasting losses are found by `partial_loss.py`; a slow Kalman filter follows all rotors for display.
 
 Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where they differ.
 """
@@ -25,6 +25,7 @@ from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
 from gcs_health.estimators.lesson import Lesson
 from gcs_health.estimators.moment_learning import MomentLearning
+from gcs_health.estimators.partial_loss import PartialLoss
 from gcs_health.estimators.residual_model import Evidence, Push, Step, calm, push, residual, step_between
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
@@ -55,6 +56,7 @@ class RecommendedBank:
         self.moments = MomentLearning(self.gains, config)
         self.shift = self.moments.shift
         self.slow = SlowEffectiveness(n, config.slow)
+        self.partial = PartialLoss(n, config.partial)
         self._calm_limit = config.calm * config.calm
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
@@ -123,6 +125,7 @@ class RecommendedBank:
         self._row = self._final_row = (-1, 0)
         self.bank.clear()
         self.slow.restart()
+        self.partial.restart()
 
     def _advance(self, tick: Tick, before: Tick) -> bool:
         t = tick.t
@@ -184,6 +187,7 @@ class RecommendedBank:
             self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
+            self.partial.restart()
             self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()
@@ -358,6 +362,7 @@ class RecommendedBank:
             self._learn_noise(lesson)
         self._aged.clear()
         self.slow.feed(lesson, self.gains.matrix)
+        self.partial.feed(lesson, self.gains.matrix)
         self.moments.feed(lesson, self.track.interval, self.tick_length)
         self._checked += lesson.length
         if self._checked >= c.check_every:

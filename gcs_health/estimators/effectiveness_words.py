@@ -1,12 +1,15 @@
 """The effectiveness estimator's decisions in the words of the contract."""
 
 import math
+from statistics import NormalDist
 
 from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
 from gcs_health.estimators.effectiveness_paper import PaperFilter
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 
 NAN = math.nan
+STANDARD = NormalDist()
+DAMAGED = 0.75  # k below which a rotor counts as damaged where no rule has spoken
 UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
 
 Evidence = tuple[tuple[str, float | str], ...]
@@ -70,17 +73,18 @@ def healthy(
     if reasons and reasons != [Reason.SETTLING]:
         return missing(t, rotor, reasons, warming)
     detectable = core.bank.detectable(information) if core.gate.verdicts else NAN
-    return estimate(
-        t,
-        rotor,
-        core.slow.effectiveness(rotor),
-        core.slow.std(rotor),
-        probability,
-        Status.CONVERGING if reasons else Status.VALID,
-        reasons,
-        detectable,
-        (("speed_over_hover", speed / core.hover), ("since_open_s", core.gate.since_open)),
-    )
+    value, std = core.slow.effectiveness(rotor), core.slow.std(rotor)
+    evidence: Evidence = (("speed_over_hover", speed / core.hover), ("since_open_s", core.gate.since_open))
+    partial = core.partial
+    if partial.rotor is not None:  # one rotor explains what is seen: the others are as they were
+        value, std = 1.0, partial.config.spread
+        if rotor == partial.rotor:
+            value, std = min(max(1.0 - partial.theta, 0.0), 1.5), partial.std
+            damaged = STANDARD.cdf((DAMAGED - value) / std)
+            probability = max(probability, min(damaged, UNDECIDED))
+            evidence += (("rule", "partial_loss"), ("llr", partial.llr), ("theta", partial.theta))
+    status = Status.CONVERGING if reasons else Status.VALID
+    return estimate(t, rotor, value, std, probability, status, reasons, detectable, evidence)
 
 
 def stopped(t: float, rotor: int, ratio: float) -> Estimate:
@@ -108,7 +112,9 @@ def lost(core: RecommendedBank, t: float, rotor: int) -> Estimate:
     )
     value = min(max(1.0 - verdict.theta, 0.0), 1.5)
     p = max(1.0 / (1.0 + none + rival), 0.9001)
-    return estimate(t, rotor, value, verdict.std, p, Status.VALID, [], NAN, evidence)
+    # 1 / sqrt(D) knows noise alone, not what the model is wrong by
+    std = math.hypot(verdict.std, core.config.partial.spread)
+    return estimate(t, rotor, value, std, p, Status.VALID, [], NAN, evidence)
 
 
 def of_paper(core: PaperFilter, t: float, rotor: int) -> Estimate:

@@ -4,18 +4,15 @@ The contradiction test needs commands, rates and geometry alone; the hover trim 
 """
 
 import math
-from statistics import NormalDist
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.contract import Estimate, Reason, Status
 from gcs_health.estimators.contradiction import Contradiction, ContradictionConfig
-from gcs_health.estimators.effectiveness_words import UNDECIDED, Evidence, estimate
+from gcs_health.estimators.effectiveness_words import DAMAGED, STANDARD, UNDECIDED, Evidence, estimate
 from gcs_health.estimators.hover_trim import HoverTrim, Trim, TrimConfig
 from gcs_health.samples import CommandReading, ImuReading
 
 NAN = math.nan
-STANDARD = NormalDist()
-DAMAGED = 0.75  # k below which a rotor counts as damaged where no rule has spoken
 OF_TRIM = {
     Trim.SETTLING: Reason.SETTLING,
     Trim.LOAD: Reason.LOAD_SHIFTED,
