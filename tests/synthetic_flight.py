@@ -75,7 +75,8 @@ class Scenario:
     duration: float = 10.0
     imu_hz: float = 250.0
     esc_hz: float = 125.0
-    lost: int | None = None  # loses its propeller at `at`
+    lost: int | None = None  # loses its propeller at `at` ...
+    left: float = 0.0  # ... but for this share of its thrust
     stopped: int | None = None  # its motor stops at `at`
     at: float = 7.0
     seed: int = 1
@@ -113,7 +114,7 @@ def fly(scenario: Scenario) -> Iterator[Reading]:
         if k % round(0.4 / s.loop) == 0:
             wanted = rng.normal(0.0, (0.5, 0.5, 0.2))
         if t >= s.at and s.lost is not None:
-            healthy[s.lost] = 0.0
+            healthy[s.lost] = s.left
         flying = t > 1.0
         lift = -GRAVITY * (1.0 + 0.05 * math.sin(3.0 * t))
         command = inverse @ np.array([*(12.0 * (wanted - rate)), lift]) if flying else np.full(n, 1e4)

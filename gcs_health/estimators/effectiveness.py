@@ -16,7 +16,8 @@ from typing import ClassVar
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
-from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
+from gcs_health.estimators import effectiveness_words as words
+from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason
 from gcs_health.estimators.effectiveness_config import EffectivenessConfig
 from gcs_health.estimators.effectiveness_inputs import Inputs
 from gcs_health.estimators.effectiveness_paper import PaperFilter
@@ -30,7 +31,6 @@ __all__ = ["EffectivenessConfig", "EffectivenessEstimator"]
 
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = float("nan")
-UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
 
 
 class EffectivenessEstimator:
@@ -152,19 +152,43 @@ class EffectivenessEstimator:
         failed = self._failed()
         bare = self._bare
         if bare is not None and bare.heard and Reason.NO_ROTOR_SPEEDS in common:
-            return [bare.estimate(self.name, t, i, common) for i in range(len(self._speeds))]
-        if isinstance(self._core, PaperFilter):
-            return [self._paper_estimate(self._core, t, i, common) for i in range(len(self._speeds))]
-        likelihoods, information = self._core.bank.standing(self._core.tick_length)
-        probabilities = self._probabilities(self._core, likelihoods)
-        out = []
-        for i in range(len(self._speeds)):
-            if failed is not None:
-                out.append(self._after_failure(self._core, t, i, failed))
-            else:
-                reasons = self._inputs.reasons(i, common)
-                out.append(self._healthy(self._core, t, i, reasons, probabilities[i], information[i]))
-        return out
+            return [bare.estimate(t, i, common) for i in range(len(self._speeds))]
+        core = self._core
+        warming = t - self._first_t < self.config.absent_after
+        if isinstance(core, PaperFilter):
+            return [self._of_paper(core, t, i, common, warming) for i in range(len(self._speeds))]
+        if failed is not None:
+            return [self._after_failure(core, t, i, failed) for i in range(len(self._speeds))]
+        likelihoods, information = core.bank.standing(core.tick_length)
+        probabilities = words.probabilities(core, likelihoods)
+        return [
+            words.healthy(
+                core,
+                t,
+                i,
+                self._inputs.reasons(i, common),
+                probabilities[i],
+                information[i],
+                self._speeds[i],
+                warming,
+            )
+            for i in range(len(self._speeds))
+        ]
+
+    def _after_failure(self, core: RecommendedBank, t: float, rotor: int, failed: int) -> Estimate:
+        if rotor != failed:
+            return words.missing(t, rotor, [Reason.ANOTHER_ROTOR_FAILED], False)
+        if self._stopped is not None:
+            return words.stopped(t, rotor, self._stopped_ratio)
+        return words.lost(core, t, rotor)
+
+    def _of_paper(
+        self, core: PaperFilter, t: float, rotor: int, common: list[Reason], warming: bool
+    ) -> Estimate:
+        if self._stopped == rotor:
+            return words.stopped(t, rotor, self._stopped_ratio)
+        reasons = self._inputs.reasons(rotor, common)
+        return words.missing(t, rotor, reasons, warming) if reasons else words.of_paper(core, t, rotor)
 
     def _in_order(self, t: float) -> bool:
         if t - t != 0.0:
@@ -189,7 +213,7 @@ class EffectivenessEstimator:
     def _take_speeds(self, reading: RotorReading) -> bool:
         self._bare = None  # rotor speeds come: they tell more
         slowest = self._inputs.take_speeds(reading)
-        changed = self._core.rotor_speeds(reading)
+        changed = self._core.rotor_speeds(reading, slowest > 0.0)
         hover = self._hover()
         if slowest > self.config.flight_over_speed * hover:
             self._still_since = NAN
@@ -264,148 +288,6 @@ class EffectivenessEstimator:
 
     def _contradicted(self) -> bool:
         return isinstance(self._core, RecommendedBank) and self._core.contradicted
-
-    def _probabilities(self, core: RecommendedBank, likelihoods: list[float]) -> list[float]:
-        """Posterior of each single fault: the threshold LLR alone gives .9, less never more than .89."""
-        threshold = core.config.bank.llr - math.log(9.0)
-        weights = [math.exp(min(llr - threshold, 700.0)) for llr in likelihoods]
-        total = 1.0 + sum(weights)
-        return [min(weight / total, UNDECIDED) for weight in weights]
-
-    def _estimate(
-        self,
-        t: float,
-        rotor: int,
-        value: float,
-        std: float,
-        p: float,
-        status: Status,
-        reasons: list[Reason],
-        detectable: float = NAN,
-        evidence: tuple[tuple[str, float | str], ...] = (),
-    ) -> Estimate:
-        return Estimate(
-            t,
-            self.name,
-            rotor,
-            Quantity.EFFECTIVENESS,
-            value,
-            std,
-            p,
-            status,
-            tuple(reasons),
-            detectable,
-            evidence,
-        )
-
-    def _healthy(
-        self,
-        core: RecommendedBank,
-        t: float,
-        rotor: int,
-        reasons: list[Reason],
-        probability: float,
-        information: float,
-    ) -> Estimate:
-        if core.contradicted:
-            return self._estimate(
-                t, rotor, NAN, NAN, NAN, Status.DIVERGED, [Reason.GEOMETRY_CONTRADICTED, *reasons]
-            )
-        if not reasons and core.gate.reason is not None:
-            reasons = [Reason(core.gate.reason.value)]
-        if reasons and reasons != [Reason.SETTLING]:
-            warming = t - self._first_t < self.config.absent_after
-            status = Status.CONVERGING if warming else Status.UNOBSERVABLE
-            return self._estimate(t, rotor, NAN, NAN, NAN, status, reasons)
-        status = Status.CONVERGING if reasons else Status.VALID
-        detectable = core.bank.detectable(information) if core.gate.verdicts else NAN
-        ratio = self._speeds[rotor] / core.hover
-        evidence = (("speed_over_hover", ratio), ("since_open_s", core.gate.since_open))
-        return self._estimate(
-            t,
-            rotor,
-            core.slow.effectiveness(rotor),
-            core.slow.std(rotor),
-            probability,
-            status,
-            reasons,
-            detectable,
-            evidence,
-        )
-
-    def _after_failure(self, core: RecommendedBank, t: float, rotor: int, failed: int) -> Estimate:
-        if rotor != failed:
-            return self._estimate(t, rotor, NAN, NAN, NAN, Status.UNOBSERVABLE, [Reason.ANOTHER_ROTOR_FAILED])
-        if self._stopped is not None:
-            evidence: tuple[tuple[str, float | str], ...] = (
-                ("rule", "motor_stopped"),
-                ("speed_over_hover", self._stopped_ratio),
-            )
-            return self._estimate(
-                t, rotor, NAN, NAN, 0.99, Status.UNOBSERVABLE, [Reason.MOTOR_STOPPED], NAN, evidence
-            )
-        verdict = core.verdict
-        value = min(max(1.0 - verdict.theta, 0.0), 1.5)
-        # odds of this fault against none (the threshold LLR alone gives .9) and against the next rotor's
-        none = math.exp(min(core.config.bank.llr - math.log(9.0) - verdict.llr, 0.0))
-        rival = math.exp(-max(verdict.lead, 0.0))
-        evidence = (
-            ("rule", "single_fault_bank"),
-            ("llr", verdict.llr),
-            ("lead", verdict.lead),
-            ("theta", verdict.theta),
-            ("explained", verdict.share),
-            ("chi2", verdict.chi2),
-            ("window_s", verdict.ticks * core.tick_length),
-            ("imu_step_s", core.blocks.step),
-            ("rotor_speed_step_s", core.track.interval),
-        )
-        return self._estimate(
-            t,
-            rotor,
-            value,
-            verdict.std,
-            max(1.0 / (1.0 + none + rival), 0.9001),
-            Status.VALID,
-            [],
-            NAN,
-            evidence,
-        )
-
-    def _paper_estimate(self, core: PaperFilter, t: float, rotor: int, common: list[Reason]) -> Estimate:
-        if self._stopped == rotor:
-            return self._estimate(
-                t,
-                rotor,
-                NAN,
-                NAN,
-                0.99,
-                Status.UNOBSERVABLE,
-                [Reason.MOTOR_STOPPED],
-                NAN,
-                (("rule", "motor_stopped"), ("speed_over_hover", self._stopped_ratio)),
-            )
-        reasons = self._inputs.reasons(rotor, common)
-        if reasons:
-            warming = t - self._first_t < self.config.absent_after
-            status = Status.CONVERGING if warming else Status.UNOBSERVABLE
-            return self._estimate(t, rotor, NAN, NAN, NAN, status, reasons)
-        std = core.std(rotor)
-        if not core.armed:
-            return self._estimate(t, rotor, core.x[rotor], std, NAN, Status.CONVERGING, [Reason.ON_GROUND])
-        # P(k < k_thr) = p_threshold needs k = k_thr - 1.2816 sigma at .9
-        needed = 1.0 - core.config.k_threshold + 1.2816 * std
-        return self._estimate(
-            t,
-            rotor,
-            core.x[rotor],
-            std,
-            core.failure_probability(rotor),
-            Status.VALID,
-            [],
-            needed if needed <= 1.0 else NAN,
-            (("rule", "paper"), ("sigma", std)),
-        )
 
 
 def _check(airframe: Airframe, config: EffectivenessConfig) -> None:

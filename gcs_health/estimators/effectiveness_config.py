@@ -11,6 +11,7 @@ from gcs_health.estimators.contradiction import ContradictionConfig
 from gcs_health.estimators.effectiveness_paper import PaperConfig
 from gcs_health.estimators.fault_bank import BankConfig
 from gcs_health.estimators.hover_trim import TrimConfig
+from gcs_health.estimators.partial_loss import PartialConfig
 from gcs_health.estimators.slow_effectiveness import SlowConfig
 from gcs_health.estimators.stopped_motor import StoppedConfig
 from gcs_health.gate import GateConfig
@@ -47,6 +48,7 @@ class RecommendedConfig:
     shift: ShiftConfig = field(default_factory=ShiftConfig)
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
     slow: SlowConfig = field(default_factory=SlowConfig)
+    partial: PartialConfig = field(default_factory=PartialConfig)
 
 
 @dataclass(frozen=True, slots=True)

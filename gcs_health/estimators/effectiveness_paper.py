@@ -151,7 +151,7 @@ class PaperFilter:
                 changed = self._run() or changed
         return changed
 
-    def rotor_speeds(self, reading: RotorReading) -> bool:
+    def rotor_speeds(self, reading: RotorReading, whole: bool = False) -> bool:
         """Take one reading; return whether the failed rotor changed."""
         changed = False
         if self._waiting is not None and reading.t > self._waiting.t:

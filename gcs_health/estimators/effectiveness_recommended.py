@@ -7,34 +7,30 @@
 Ticks later than the last rotor speeds are judged with those speeds held and the covariance of their
 age, and once more when the next speeds arrive: a decision can fall on either message.
 
-A second, slow Kalman filter on 40 ms means follows small, lasting losses for display.
+Small, lasting losses are found by `partial_loss.py`; a slow Kalman filter follows all rotors for display.
 
 Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where they differ.
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs_health.airframe import Airframe, AirframeSource
-from gcs_health.calibration import geometry_check
-from gcs_health.calibration.control_effectiveness import ControlEffectiveness, MomentRegression
+from gcs_health.calibration.control_effectiveness import ControlEffectiveness
 from gcs_health.calibration.residual_noise import ResidualNoise
-from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
 from gcs_health.estimators.lesson import Lesson
+from gcs_health.estimators.moment_learning import MomentLearning
+from gcs_health.estimators.partial_loss import PartialLoss
 from gcs_health.estimators.residual_model import Evidence, Push, Step, calm, push, residual, step_between
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import Closed, FlightGate
 from gcs_health.samples import ImuReading, RotorReading
-
-Array = NDArray[np.float64]
 
 
 class RecommendedBank:
@@ -45,7 +41,6 @@ class RecommendedBank:
     failed : rotor that the rules name, held for the flight; None.
     verdict : the evidence at that moment.
     open_time, flying_time : how much of the flight could be judged [s].
-    contradicted : the rotors do not answer as the geometry says; nothing is named then.
     """
 
     def __init__(self, airframe: Airframe, config: RecommendedConfig) -> None:
@@ -58,14 +53,14 @@ class RecommendedBank:
         self.noise = ResidualNoise(config.noise)
         self.bank = FaultBank(n, 4 if self.gains.has_yaw else 3, config.bank)
         self.gate = FlightGate(n, config.gate)
-        self.regression = MomentRegression(n, config.prior)
-        self.shift = TimeShift(config.shift)
+        self.moments = MomentLearning(self.gains, config)
+        self.shift = self.moments.shift
         self.slow = SlowEffectiveness(n, config.slow)
+        self.partial = PartialLoss(n, config.partial)
         self._calm_limit = config.calm * config.calm
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
         self._failed_at = -math.inf
-        self.contradicted = False
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
         self._before: Tick | None = None
@@ -79,21 +74,22 @@ class RecommendedBank:
         self._motion = (0.0,) * 5  # a_x, a_y, p, q, r, low-passed
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
-        self._strikes = 0
         self._gathered: list[tuple[Step, Evidence]] = []  # final ticks of the next lesson
         self._gathered_time = 0.0
         self._aged: list[tuple[int, tuple[float, ...], float, float]] = []  # age, e, dt, inflation
-        # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
-        self._regression_late: deque[Lesson] = deque()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
-        self._slow_mean: Array = np.zeros((2, 2))  # of predicted and measured roll, pitch
 
     @property
     def hover(self) -> float:
         """Hover speed [rad/s], infinite while thrust is not known."""
         return self.gains.hover
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the rotors do not answer as the geometry says; nothing is named then."""
+        return self.moments.contradicted
 
     @property
     def tick_length(self) -> float:
@@ -111,9 +107,9 @@ class RecommendedBank:
             return False
         return self._advance(tick, before)
 
-    def rotor_speeds(self, reading: RotorReading) -> bool:
-        """Take one reading; return whether a verdict fell."""
-        if self.track.feed(reading) and self._pending and self.gate.open:
+    def rotor_speeds(self, reading: RotorReading, whole: bool = False) -> bool:
+        """Take one reading, known to be complete if `whole`; return whether a verdict fell."""
+        if self.track.feed(reading, whole) and self._pending and self.gate.open:
             return self._evaluate()
         return False
 
@@ -129,6 +125,7 @@ class RecommendedBank:
         self._row = self._final_row = (-1, 0)
         self.bank.clear()
         self.slow.restart()
+        self.partial.restart()
 
     def _advance(self, tick: Tick, before: Tick) -> bool:
         t = tick.t
@@ -190,14 +187,14 @@ class RecommendedBank:
             self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
+            self.partial.restart()
             self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()
             self._gathered.clear()
             self._gathered_time = 0.0
             self._aged.clear()
-            self._regression_late.clear()
-            self.shift.gap()
+            self.moments.gap()
             self._pending.clear()
             self._held_speeds.clear()
             self._held_push = None
@@ -326,14 +323,12 @@ class RecommendedBank:
 
     def _decide(self, verdict: Verdict, t: float) -> bool:
         """Name the rotor, if the geometry bears it; return whether anything is decided."""
-        g = self.config.geometry
-        if self.regression.time < g.least_time:
+        moments = self.moments
+        if not moments.can_judge:
             return False
-        fits = self._fits()
-        if geometry_check.doubtful(fits, g):
-            self.contradicted = True
+        if moments.doubtful(self.track.interval, self.tick_length):
             return True
-        if self.assumed and not geometry_check.supports(fits, g):
+        if self.assumed and not moments.supports(self.track.interval, self.tick_length):
             return False  # a guess must be borne out before it names a rotor
         self.failed = verdict.rotor
         self.verdict = verdict
@@ -367,17 +362,12 @@ class RecommendedBank:
             self._learn_noise(lesson)
         self._aged.clear()
         self.slow.feed(lesson, self.gains.matrix)
-        late = self._regression_late
-        late.append(lesson)
-        while t - late[0].last_t > c.geometry.delay:
-            old = late.popleft()
-            self.regression.feed(old.dt, old.squares, old.measured)
-        if self.track.interval < c.shift_rotor_speeds and self.tick_length < c.shift_rotor_speeds:
-            self._learn_shift(lesson)
+        self.partial.feed(lesson, self.gains.matrix)
+        self.moments.feed(lesson, self.track.interval, self.tick_length)
         self._checked += lesson.length
         if self._checked >= c.check_every:
             self._checked = 0.0
-            return self._check()
+            return self.moments.check(self.track.interval, self.tick_length)
         return False
 
     def _learn_noise(self, lesson: Lesson) -> None:
@@ -386,48 +376,3 @@ class RecommendedBank:
             ages, e, dt, inflation = zip(*self._aged, strict=True)
             self.noise.learn_aged(list(ages), np.array(e), np.array(dt), np.array(inflation), since_open)
         self.noise.learn(lesson.e, lesson.dt, lesson.inflation, since_open)
-
-    def _learn_shift(self, lesson: Lesson) -> None:
-        c = self.config
-        both = np.array((lesson.predicted, lesson.measured))
-        mean = self._slow_mean
-        mean += min(1.0, lesson.length / c.prior.high_pass) * (
-            np.add.reduce(both, axis=1) / both.shape[1] - mean
-        )
-        predicted, measured = both - mean[:, None, :]
-        if self.shift.feed(lesson.dt, predicted, measured):
-            # what was gathered paired rates with the wrong speeds
-            self.regression = MomentRegression(self.rotors, c.prior)
-            self._regression_late.clear()
-
-    def _check(self) -> bool:
-        """Twice a second: gains that are not given, and whether the geometry holds."""
-        was = self.contradicted
-        if self.gains.learns:
-            self.gains.learn_moments(
-                self.regression.axis(0, self.gains.roll),
-                self.regression.axis(1, self.gains.pitch),
-                self.regression.time,
-            )
-        fits = self._fits()
-        g = self.config.geometry
-        if self.regression.time > g.strong_time and geometry_check.contradicted(fits, g):
-            self._strikes += 1
-            if self._strikes >= self.config.strikes:
-                self.contradicted = True
-        else:
-            self._strikes = 0
-            if self.contradicted and geometry_check.agrees(fits, g):
-                self.contradicted = False
-        return self.contradicted != was
-
-    def _fits(self) -> list[geometry_check.AxisFit]:
-        if self.regression.time < self.config.geometry.least_time:
-            return []
-        interval = self.track.interval
-        block = max(self.config.prior.block, self.tick_length, interval if interval == interval else 0.0)
-        found = (
-            geometry_check.fit_axis(self.regression, 0, self.gains.roll, block),
-            geometry_check.fit_axis(self.regression, 1, self.gains.pitch, block),
-        )
-        return [fit for fit in found if fit is not None]

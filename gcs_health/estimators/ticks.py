@@ -142,8 +142,8 @@ class RotorTrack:
         """Usual time between samples [s], NaN while unknown."""
         return self._step.value
 
-    def feed(self, reading: RotorReading) -> bool:
-        """Take one reading; return whether `covered` moved."""
+    def feed(self, reading: RotorReading, whole: bool = False) -> bool:
+        """Take one reading; return whether `covered` moved. `whole` = known to be complete."""
         t = reading.t
         if t - t != 0.0:
             self.late += 1
@@ -155,7 +155,7 @@ class RotorTrack:
             if self._run > self.KEPT // 2:
                 self._turn_to_rows()
             return self._cover(covered)
-        if not complete(reading.speed, self.rotors):
+        if not whole and not complete(reading.speed, self.rotors):
             self._turn_to_lists()
             return self.feed(reading)
         times = self._row_times

@@ -4,18 +4,15 @@ The contradiction test needs commands, rates and geometry alone; the hover trim 
 """
 
 import math
-from statistics import NormalDist
 
 from gcs_health.airframe import Airframe
-from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
+from gcs_health.estimators.contract import Estimate, Reason, Status
 from gcs_health.estimators.contradiction import Contradiction, ContradictionConfig
+from gcs_health.estimators.effectiveness_words import DAMAGED, STANDARD, UNDECIDED, Evidence, estimate
 from gcs_health.estimators.hover_trim import HoverTrim, Trim, TrimConfig
 from gcs_health.samples import CommandReading, ImuReading
 
 NAN = math.nan
-STANDARD = NormalDist()
-DAMAGED = 0.75  # k below which a rotor counts as damaged where no rule has spoken
-UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
 OF_TRIM = {
     Trim.SETTLING: Reason.SETTLING,
     Trim.LOAD: Reason.LOAD_SHIFTED,
@@ -66,12 +63,12 @@ class WithoutSpeeds:
         """Take rates; return whether a rotor was named."""
         return self.heard and self.contradiction.rates(reading.t, reading.p, reading.q)
 
-    def estimate(self, name: str, t: float, rotor: int, reasons: list[Reason]) -> Estimate:
+    def estimate(self, t: float, rotor: int, reasons: list[Reason]) -> Estimate:
         """Return what is known of one rotor; `reasons` say what is missing."""
         failed = self.failed
         value = std = p = NAN
         status = Status.UNOBSERVABLE
-        evidence: tuple[tuple[str, float | str], ...] = ()
+        evidence: Evidence = ()
         if self.contradiction.rotor is not None:
             if rotor == failed:
                 value, std, p, status, reasons = 0.0, 0.5, 0.95, Status.VALID, []
@@ -93,6 +90,4 @@ class WithoutSpeeds:
                 ("command", math.sqrt(self.trim.u[rotor])),
                 ("command_healthy", math.sqrt(self.trim.reference[rotor])),
             )
-        return Estimate(
-            t, name, rotor, Quantity.EFFECTIVENESS, value, std, p, status, tuple(reasons), NAN, evidence
-        )
+        return estimate(t, rotor, value, std, p, status, reasons, NAN, evidence)
