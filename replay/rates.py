@@ -147,10 +147,12 @@ def rows(name: str, entry: Entry, count: int, seed: int, rates: tuple[tuple[int,
             in_time = (delays >= 0.0) & (delays <= entry.within)
             right = int(np.sum(in_time & (np.array([named for _, named in said]) == rotor)))
             found = 1e3 * delays[in_time]
-            median, late = np.percentile(found, [50.0, 97.5]) if len(found) else (math.nan, math.nan)
+            median, late = (
+                [f"{v:.0f}" for v in np.percentile(found, [50.0, 97.5])] if len(found) else ["-", "-"]
+            )
             yield (
                 f"| {name} | {vehicle} | {entry.fault} | {filtered} | {imu}/{esc} | {len(found)}/{count - early} "
-                f"| {right} | {median:.0f} | {late:.0f} | {early} | {alarms}/{count} | {hours:.2f} |"
+                f"| {right} | {median} | {late} | {early} | {alarms}/{count} | {hours:.2f} |"
             )
 
 

@@ -57,10 +57,10 @@ def parameter_sets() -> dict[str, PaperConfig]:
     base = PaperConfig(roll=100e-6, pitch=100e-6, thrust=5e-6)
     sets = {"base": base}
     for value in (80e-6, 120e-6):
-        sets[f"G_p {value:.0e}"] = replace(base, roll=value)
-        sets[f"G_q {value:.0e}"] = replace(base, pitch=value)
+        sets[f"G_p {value * 1e6:.0f}e-6"] = replace(base, roll=value)
+        sets[f"G_q {value * 1e6:.0f}e-6"] = replace(base, pitch=value)
     for value in (4e-6, 6e-6):
-        sets[f"G_az {value:.0e}"] = replace(base, thrust=value)
+        sets[f"G_az {value * 1e6:.0f}e-6"] = replace(base, thrust=value)
     for value in (0.0025, 0.005, 0.02, 0.04):
         sets[f"Q {value}"] = replace(base, Q=value)
     for value in (0.15, 0.20, 0.30, 0.35):
