@@ -200,9 +200,7 @@ def fly(
     command /= plan.vehicle.motor.top
     airframe = plan.vehicle.airframe()
     mass = np.broadcast_to(plant.mass, count).copy()
-    return Flown(
-        vehicle, airframe, dt, clean, phase, speed, command, rotor, residual, mass, seeds
-    )
+    return Flown(vehicle, airframe, dt, clean, phase, speed, command, rotor, residual, mass, seeds)
 
 
 def _due(count: int, dt: float, rate: float, jitter: float, rng: np.random.Generator) -> np.ndarray:

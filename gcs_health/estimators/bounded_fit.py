@@ -19,6 +19,7 @@ from gcs_health.estimators.amplitude_model import Array
 
 REWEIGHTINGS = 3
 MODEL_ERROR, NOISE_ERROR = 0.1, 0.05  # floors of the model error, shares of S and nu'
+RIDGE = 1e-9  # relative, so that coinciding rotors have a Cholesky factor
 BOUND_WEIGHT = 1e4  # of the rows that hold an upper bound, over the largest of the problem
 
 
@@ -97,15 +98,15 @@ def fit(power: Array, mix: Array, noise: Array, cluster: Array) -> Fit | None:
     variance = np.full(len(power), 1.0)
     x = np.zeros(n + 1)
     for _ in range(REWEIGHTINGS + 1):
-        weight = 1.0 / np.sqrt(variance)
-        orthogonal, triangle = np.linalg.qr(matrix * weight[:, None])
-        target = orthogonal.T @ (power * weight)
+        weighted = matrix / variance[:, None]
+        gram, right = matrix.T @ weighted, weighted.T @ power
+        gram.flat[:: n + 2] += RIDGE * np.diag(gram)
+        triangle = np.linalg.cholesky(gram).T
+        target = np.linalg.solve(triangle.T, right)
         x, residual = _nnls(triangle, target)
         variance = _variance(matrix, x)
-    gram = triangle.T @ triangle
-    inverse = np.linalg.pinv(gram, rcond=1e-10)
-    free = inverse @ (triangle.T @ target)
-    scores = matrix * ((power - matrix @ free) * weight * weight)[:, None]
+    inverse = np.linalg.inv(gram)
+    scores = weighted * (power - matrix @ (inverse @ right))[:, None]
     clustered = np.add.reduceat(scores, starts, axis=0)
     meat = clustered.T @ clustered * (clusters / (clusters - n - 1))
     sandwich = inverse @ meat @ inverse

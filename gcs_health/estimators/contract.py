@@ -25,6 +25,7 @@ class Quantity(StrEnum):
 
     EFFECTIVENESS = "effectiveness"  # [-], 1 healthy, 0 lost
     UNBALANCE = "unbalance"  # [kg m]
+    UNBALANCE_RELATIVE = "unbalance_relative"  # [m], unbalance per vehicle mass, where the mass is not known
     DRAG = "drag"  # [-], 1 healthy
     DEGRADATION = "degradation"  # [-], 0 healthy
 
@@ -51,6 +52,9 @@ class Reason(StrEnum):
     LITTLE_EXCITATION = "little_excitation"
     NO_CURRENTS = "no_currents"
     NO_MODEL = "no_model"
+    NOT_IDENTIFIABLE = "not_identifiable"
+    LINE_NOT_IN_TELEMETRY = "line_not_in_telemetry"
+    NO_BASELINE = "no_baseline"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -73,6 +77,9 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
     Reason.NO_CURRENTS: "no motor currents in the stream",
     Reason.NO_MODEL: "no model was trained for this vehicle",
+    Reason.NOT_IDENTIFIABLE: "not identifiable: which rotor it is cannot be told",
+    Reason.LINE_NOT_IN_TELEMETRY: "the rotor's vibration does not pass the filters before this telemetry",
+    Reason.NO_BASELINE: "no healthy baseline of this configuration to compare with",
 }
 
 

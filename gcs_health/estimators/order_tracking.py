@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from gcs_health.estimators.amplitude_model import Array, HighPass, ImuFilter, highpass_gain
 
 Complex = NDArray[np.complex128]
+SINGLE = np.float32  # rows are kept for 20 s, and no power is known to seven digits
+Single = NDArray[np.float32]
 
 SHIFT_BINS = 3.5  # of the noise rows, in 1 / block length
 HOLES = 0.6  # share of the usual samples that a stretch must have
@@ -41,9 +43,9 @@ class Rows(NamedTuple):
     noise : (m,) sum of the squared weights [-].
     """
 
-    power: Array
-    mix: Array
-    noise: Array
+    power: Single
+    mix: Single
+    noise: Single
 
 
 class Stretch(NamedTuple):
@@ -170,9 +172,15 @@ class OrderTracker:
         self._a.append(self._highpass.feed(dt, ax, ay))
         return t >= self._end + self._wait or len(self._t) > MOST_SAMPLES
 
-    def speed(self, rotor: int, t: float, w: float) -> None:
-        """Take one rotor's speed [rad/s]."""
-        self.tracks[rotor].add(t, w)
+    def blank(self) -> Stretch:
+        """Return a stretch that says nothing, of the size of one that does."""
+        n = len(self.tracks)
+        none = np.zeros(n)
+        rows = []
+        for length in self.lengths:
+            m = 3 * n * round(self.stretch / length)
+            rows.append(Rows(np.zeros((2, m), SINGLE), np.zeros((m, n), SINGLE), np.zeros(m, SINGLE)))
+        return Stretch(-math.inf, none, none, none, tuple(rows))
 
     def take(self) -> Stretch | None:
         """Return the stretch that is due, None if it cannot be used; the next one begins at its end."""
@@ -208,9 +216,7 @@ class OrderTracker:
         turn = np.exp(1j * (self._sign * np.array([angle for angle, _ in turned])))
         moving = speed * speed * gain * turn
         rows = tuple(self._rows(times - start, a, turn, moving, length) for length in self.lengths)
-        return Stretch(
-            start + self.stretch, speed.mean(axis=1), speed.min(axis=1), gain.mean(axis=1), rows
-        )
+        return Stretch(start + self.stretch, speed.mean(axis=1), speed.min(axis=1), gain.mean(axis=1), rows)
 
     def _rows(self, since: Array, a: Complex, turn: Complex, moving: Complex, length: float) -> Rows:
         """Return the rows of all blocks of one length."""
@@ -232,5 +238,9 @@ class OrderTracker:
             mix.append(gamma.real**2 + gamma.imag**2)
             noise.append(np.full(3 * n, float(hann @ hann)))
         if not power:
-            return Rows(np.zeros((2, 0)), np.zeros((0, n)), np.zeros(0))
-        return Rows(np.concatenate(power, axis=1), np.concatenate(mix), np.concatenate(noise))
+            return Rows(np.zeros((2, 0), SINGLE), np.zeros((0, n), SINGLE), np.zeros(0, SINGLE))
+        return Rows(
+            np.concatenate(power, axis=1).astype(SINGLE),
+            np.concatenate(mix).astype(SINGLE),
+            np.concatenate(noise).astype(SINGLE),
+        )

@@ -12,7 +12,9 @@ NAN = math.nan
 class PaperConfig:
     """The paper's filter, sheet 2 section 2."""
 
-    start: float = 2.5e-6  # m, m_u r_u / m_b at x = 0: half the paper's damage, about the same on all its craft
+    start: float = (
+        2.5e-6  # m, m_u r_u / m_b at x = 0: half the paper's damage, about the same on all its craft
+    )
     start_std: float = 0.1  # [-] of each x_i; 1 settles ten times as fast (sheet 2 section 6B)
     noise: float = 1.0  # m/s², sigma_d0
     noise_std: float = 0.05  # [-] of x_{N+1}
@@ -48,9 +50,10 @@ class Baseline:
 class RecommendedConfig:
     """Order tracking; sheet 2 section 5 unless said otherwise."""
 
-    lengths: tuple[float, ...] = (0.4, 0.8)  # s, of blocks
-    keep: float = 0.9  # a longer block must keep so much of a shorter one's sum of s
+    lengths: tuple[float, ...] = (0.2, 0.4, 0.8)  # s, of blocks
+    keep: float = 0.95  # a longer block must keep so much of a shorter one's sum of s
     windows: tuple[float, float] = (20.0, 10.0)  # s
+    every: int = 2  # stretches between solutions; this project
     least: float = 6.0  # s of flight before a first answer; this project
     highpass: float = 2.0  # Hz
     highpass_filtered: float = 5.0  # Hz, behind a low-pass
@@ -61,6 +64,8 @@ class RecommendedConfig:
     threshold: float = 16.0  # cost of a bounded fit
     ok_below: float = 0.25  # of the damage
     damaged_above: float = 0.7  # of the damage
+    sign_ratio: float = 1.5  # between the sums of s of both spin signs, to believe one of them; this project
+    sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
     inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
     entangled: float = 0.3  # entry of its eigenvector
     # without a known damage and without a baseline: an outlier among its fellows; this project

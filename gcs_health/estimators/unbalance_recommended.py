@@ -2,7 +2,8 @@
 
 Both windows look for damage; the long one alone says "ok". Block length: the longest whose sum of s keeps
 what a shorter one finds, since an error of the speeds shows as power lost in long blocks. Spin sign: solved
-for the airframe's signs and for all flipped, the larger sum of s is taken, and "ok" needs both.
+for the airframe's signs and for all flipped; the airframe is believed until the other sum of s is clearly
+larger (an assumed geometry only once its own is), and "ok" needs both.
 
 Source: sheet 2 section 5.
 """
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs_health.airframe import Airframe
+from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.estimators.amplitude_model import Array, ImuFilter
 from gcs_health.estimators.bounded_fit import Fit, fit
 from gcs_health.estimators.contract import Reason
@@ -87,12 +88,15 @@ class RecommendedTracker:
         thrust = airframe.effectiveness.thrust
         self._usual = math.sqrt(GRAVITY / (n * thrust)) if thrust else 0.0
         self._known_hover = bool(thrust)
-        self._stretches: deque[Stretch] = deque(
-            maxlen=math.ceil(max(c.windows) / max(c.lengths))
-        )
+        # a geometry that was only assumed must first be seen to be right
+        self._sign_known = airframe.source is not AirframeSource.ASSUMED
+        self._flipped = False
         self._outlier = outlier_ratio(n, c.outlier_chance, c.outlier)
-        self.gate: Reason | None = Reason.SETTLING
         self.answer: Answer | None = None
+        self.gate: Reason | None = None
+        self._stretches: deque[Stretch] = deque()
+        self._unsolved = 0
+        self.forget()
 
     def imu(self, t: float, ax: float, ay: float, airborne: bool) -> bool:
         """Take a sample; return whether there is a new answer."""
@@ -108,9 +112,14 @@ class RecommendedTracker:
             self.gate = Reason.ROTORS_BELOW_HOVER
             return False
         self.gate = None
-        if self._stretches and made.t - self._stretches[-1].t > FORGET_AFTER:
-            self._stretches.clear()
+        if made.t - self._stretches[-1].t > FORGET_AFTER:
+            self.forget()
+            self.gate = None
         self._stretches.append(made)
+        self._unsolved += 1
+        if self.answer is not None and self._unsolved < self.config.every:
+            return False
+        self._unsolved = 0
         self.answer = self._solve(made.t)
         return self.answer is not None
 
@@ -122,7 +131,11 @@ class RecommendedTracker:
 
     def forget(self) -> None:
         """Another flight: nothing of the last one counts."""
-        self._stretches.clear()
+        count = math.ceil(max(self.config.windows) / self.tracker.stretch)
+        # full from the start, so that the state keeps its size
+        blank = [self.tracker.blank() for _ in range(count)]
+        self._stretches = deque(blank, maxlen=count)
+        self._unsolved = 0
         self.answer = None
         self.gate = Reason.SETTLING
 
@@ -140,7 +153,7 @@ class RecommendedTracker:
         if given is None:
             return None
         other = _fit(flown, k, 1)
-        flipped = other is not None and other.s.sum() > given.s.sum()
+        flipped = self._learn_sign(given, other)
         best = other if flipped and other is not None else given
         made = self._answer(t, best, given if flipped else other, flown, k, flipped, long)
         recent = flown[-math.ceil(short / self.tracker.stretch) :]
@@ -151,6 +164,22 @@ class RecommendedTracker:
             return made
         newer = self._answer(t, late, None, recent, k, flipped, short)
         return newer if newer.verdict.finding is Finding.ROTOR else made
+
+    def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
+        """Return whether the spins are the other way round: doubted only where one sign explains clearly more.
+
+        In hover rotors of both spins may turn at one speed; either sign then finds the line, on another rotor.
+        """
+        if other is not None:
+            c = self.config
+            present = given if given.s.sum() > other.s.sum() else other
+            b = int(np.argmax(present.s))
+            strong = present.s[b] > c.sign_sigmas * present.std()[b]
+            if strong and other.s.sum() > c.sign_ratio * given.s.sum():
+                self._flipped, self._sign_known = True, True
+            elif strong and given.s.sum() > c.sign_ratio * other.s.sum():
+                self._flipped, self._sign_known = False, True
+        return self._flipped
 
     def _choose_length(self, flown: list[Stretch]) -> tuple[int, Fit | None]:
         """Return the longest blocks that keep what shorter ones find; behind a low-pass the longest."""
@@ -188,6 +217,8 @@ class RecommendedTracker:
             against = judge(other, ok_below, damaged_above, c.threshold, certain)
             if against.finding is not Finding.OK:
                 verdict = replace(verdict, finding=Finding.UNKNOWN)
+        if verdict.finding is Finding.ROTOR and not self._sign_known:
+            verdict = self._undecided(verdict, tuple(range(len(best.s))))
         together: tuple[int, ...] = ()
         if best.inseparable < c.inseparable:
             together = tuple(int(i) for i in np.flatnonzero(best.tangle > c.entangled))
@@ -214,7 +245,9 @@ class RecommendedTracker:
     def _undecided(self, verdict: Verdict, together: tuple[int, ...]) -> Verdict:
         """Return the verdict where the largest cannot be told from others: one of them, or nothing is known."""
         if self.damage is None and self.baseline is None:
-            p = tuple(NAN if i in together else verdict.probability[i] for i in range(len(verdict.probability)))
+            p = tuple(
+                NAN if i in together else verdict.probability[i] for i in range(len(verdict.probability))
+            )
             return replace(verdict, finding=Finding.UNKNOWN, rotor=-1, probability=p)
         share = max(verdict.probability[i] for i in together) / len(together)
         p = tuple(share if i in together else q for i, q in enumerate(verdict.probability))
@@ -233,8 +266,8 @@ class RecommendedTracker:
             return c.ok_below**2 * full, c.damaged_above**2 * full, 1.0
         b = int(np.argmax(best.s))
         others = np.delete(best.s + 2.0 * best.std(), b)
-        floor = float(np.max(c.least_amplitude / speed**2)) ** 2
-        healthy = np.full(n, max(self._outlier * float(others.max()), floor))
+        least = float(np.max(c.least_amplitude / speed**2)) ** 2
+        healthy = np.full(n, max(self._outlier * float(others.max()), least))
         return healthy, 2.0 * healthy, 1.0 - c.outlier_chance
 
 
@@ -242,8 +275,8 @@ def _fit(flown: list[Stretch], length: int, sign: int) -> Fit | None:
     """Solve a window with blocks of one length; `sign` 1 = all spins flipped."""
     rows = [stretch.rows[length] for stretch in flown]
     return fit(
-        np.concatenate([row.power[sign] for row in rows]),
-        np.concatenate([row.mix for row in rows]),
-        np.concatenate([row.noise for row in rows]),
+        np.concatenate([row.power[sign] for row in rows]).astype(float),
+        np.concatenate([row.mix for row in rows]).astype(float),
+        np.concatenate([row.noise for row in rows]).astype(float),
         np.repeat(np.arange(len(rows)), [len(row.noise) for row in rows]),
     )
