@@ -44,6 +44,7 @@ __all__ = ["Baseline", "UnbalanceConfig", "UnbalanceEstimator"]
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = math.nan
 MILLIGRAM = 1e-6  # kg
+LARGEST_SIGMAS = 4.0  # within these of the largest estimate another rotor may be the largest
 Evidence = tuple[tuple[str, float | str], ...]
 
 
@@ -147,14 +148,19 @@ class UnbalanceEstimator:
             return [self._unknown(t, i, reasons) for i in range(self._rotors)]
         return [self._estimate(answer, t, i) for i in range(self._rotors)]
 
+    @property
+    def answer(self) -> Answer | None:
+        """The recommended mode's last solution; None before any, and in paper mode."""
+        return self._recommended.answer
+
     def baseline(self) -> Baseline:
         """Return what this flight showed, to be given as `Config(baseline=...)` once it is known healthy."""
-        answer = self._recommended.answer
+        answer, flight = self._recommended.answer, self.config.level.flight
         return Baseline(
-            tuple(float(s) ** 0.5 for s in answer.fit.s) if answer is not None else (),
-            self._level.level(),
-            self._level.autopilots(),
-            self._level.commanded,
+            tuple(float(s) ** 0.5 for s in answer.s()) if answer is not None else (),
+            self._level.level(flight),
+            self._level.autopilots(flight),
+            self._level.commanded(flight),
             float(answer.speed.mean()) if answer is not None else NAN,
         )
 
@@ -213,7 +219,7 @@ class UnbalanceEstimator:
             if self._paper is not None and len(reading.command) == self._rotors:
                 self._paper.commands(np.array(reading.command))
         elif isinstance(reading, FlightReading):
-            if self._armed and reading.armed is False:
+            if self._armed is False and reading.armed:  # another flight, perhaps with other propellers
                 self._recommended.forget()
                 self._level.forget()
             self._armed, self._landed = reading.armed, reading.landed
@@ -284,7 +290,7 @@ class UnbalanceEstimator:
         verdict = answer.verdict
         evidence: Evidence = (
             ("finding", verdict.finding.value),
-            ("amplitude_m_s2", math.sqrt(answer.fit.s[rotor]) * float(answer.speed[rotor]) ** 2),
+            ("amplitude_m_s2", math.sqrt(answer.s()[rotor]) * float(answer.speed[rotor]) ** 2),
             ("line_hz", float(answer.speed[rotor]) / (2.0 * math.pi)),
             ("gain", float(answer.gain[rotor])),
             ("filter", tracker.filter.source),
@@ -294,33 +300,41 @@ class UnbalanceEstimator:
             ("cost_of_none", verdict.present),
             ("cost_of_another", verdict.alone),
             ("leak", answer.leak),
+            ("largest", self._motors(answer.largest(LARGEST_SIGMAS))),
             ("spins", "opposite to the airframe's" if answer.flipped else "as the airframe's"),
         )
         reasons = []
         if answer.gain[rotor] < self.config.recommended.blind:
             return self._unknown(t, rotor, [Reason.LINE_NOT_IN_TELEMETRY], NAN, evidence)
         if rotor in answer.together:
-            names = " ".join(str(self.airframe.rotors[i].motor) for i in answer.together)
-            joint = math.sqrt(float(answer.fit.s[list(answer.together)].sum())) * self._mass
-            evidence = (*evidence, ("one_of_motors", names), ("joint", joint))
+            joint = math.sqrt(float(answer.s()[list(answer.together)].sum())) * self._mass
+            evidence = (*evidence, ("one_of_motors", self._motors(answer.together)), ("joint", joint))
             return self._unknown(t, rotor, [Reason.NOT_IDENTIFIABLE], verdict.probability[rotor], evidence)
         if verdict.finding is Finding.PRESENT:
             reasons.append(Reason.NOT_IDENTIFIABLE)
         elif self.config.damage is None and self.config.baseline is None:
             evidence = (*evidence, ("judged_by", "being an outlier: no baseline, no known damage"))
-        value, std = _root(float(answer.fit.s[rotor]), float(answer.fit.std()[rotor]))
+        value, std = _root(float(answer.s()[rotor]), float(answer.std()[rotor]))
         p = verdict.probability[rotor]
         if p != p:
             reasons.append(Reason.LITTLE_EXCITATION)
+        if t - answer.t > self.config.old_after:
+            reasons.append(self._recommended.gate or Reason.SETTLING)
         status = Status.CONVERGING if reasons else Status.VALID
         return self._make(t, rotor, value, std, p, status, reasons, float(answer.seen[rotor]), evidence)
+
+    def _motors(self, rotors: tuple[int, ...]) -> str:
+        return " ".join(str(self.airframe.rotors[i].motor) for i in rotors)
 
     def _level_estimates(self, t: float, missing: list[Reason]) -> list[Estimate]:
         """Return what the level of vibration says: of the vehicle, not of a rotor, but where a line follows."""
         n = self._rotors
         baseline = self.config.baseline
-        level = self._level
-        evidence: Evidence = (("level_m_s2", level.level()), ("vibration_m_s2", level.autopilots()))
+        level, window = self._level, self.config.level.window
+        evidence: Evidence = (
+            ("level_m_s2", level.level(window)),
+            ("vibration_m_s2", level.autopilots(window)),
+        )
         reasons = [*missing, Reason.NOT_IDENTIFIABLE]
         p = [NAN] * n
         ratio, odds = level.excess(baseline) if baseline is not None else (NAN, NAN)

@@ -39,6 +39,8 @@ class Answer:
     speed : (n,) mean speeds [rad/s]. gain : (n,) of the lines.
     window, length : s, of the window and its blocks.
     together : rotors that cannot be told apart; empty if all can.
+    seen : (n,) smallest m_u r_u / m_b that would be seen now [m].
+    lost : factor on s that gives back what blocks so long lose of a phase that wanders [-].
     """
 
     t: float
@@ -51,7 +53,23 @@ class Answer:
     window: float
     length: float
     together: tuple[int, ...]
-    seen: Array  # (n,) smallest m_u r_u / m_b that would be seen now [m]
+    seen: Array
+    lost: float
+
+    def s(self) -> Array:
+        """Return (n,) (m_u r_u / m_b)² [m²]."""
+        return self.fit.s * self.lost
+
+    def std(self) -> Array:
+        """Return (n,) their standard deviations [m²]."""
+        return self.fit.std() * self.lost
+
+    def largest(self, sigmas: float) -> tuple[int, ...]:
+        """Return the rotors that may be the largest: within so many standard deviations of the one that is."""
+        s, C = self.fit.s, self.fit.covariance
+        b = int(np.argmax(s))
+        spread = np.sqrt(np.maximum(np.diag(C) + C[b, b] - 2.0 * C[b], 0.0))
+        return tuple(int(i) for i in np.flatnonzero((s[b] - s) <= sigmas * spread))
 
 
 class RecommendedTracker:
@@ -149,20 +167,21 @@ class RecommendedTracker:
         flown = [stretch for stretch in flown if t - stretch.t < 2.0 * long]
         if len(flown) * self.tracker.stretch < c.least:
             return None
-        k, given = self._choose_length(flown)
+        k, given, lost = self._choose_length(flown)
         if given is None:
             return None
         other = _fit(flown, k, 1)
         flipped = self._learn_sign(given, other)
         best = other if flipped and other is not None else given
-        made = self._answer(t, best, given if flipped else other, flown, k, flipped, long)
+        against = given if flipped else other
+        made = self._answer(t, best, against, flown, k, flipped, long, lost)
         recent = flown[-math.ceil(short / self.tracker.stretch) :]
         if len(recent) == len(flown) or made.verdict.finding is Finding.ROTOR:
             return made
         late = _fit(recent, k, int(flipped))
         if late is None:
             return made
-        newer = self._answer(t, late, None, recent, k, flipped, short)
+        newer = self._answer(t, late, None, recent, k, flipped, short, lost)
         return newer if newer.verdict.finding is Finding.ROTOR else made
 
     def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
@@ -181,22 +200,28 @@ class RecommendedTracker:
                 self._flipped, self._sign_known = False, True
         return self._flipped
 
-    def _choose_length(self, flown: list[Stretch]) -> tuple[int, Fit | None]:
-        """Return the longest blocks that keep what shorter ones find; behind a low-pass the longest."""
+    def _choose_length(self, flown: list[Stretch]) -> tuple[int, Fit | None, float]:
+        """Return the longest blocks that keep what shorter ones find, their fit, and the power they lose.
+
+        Behind a low-pass only the longest find the line among the noise that folds onto it.
+        """
         lengths = self.tracker.lengths
         order = sorted(range(len(lengths)), key=lambda k: lengths[k])
         if self.tracker.filter.cutoff == self.tracker.filter.cutoff:
-            return order[-1], _fit(flown, order[-1], 0)
-        most, chosen = 0.0, (order[0], None)
+            return order[-1], _fit(flown, order[-1], 0), 1.0
+        most, chosen, best = 0.0, order[0], None
         for k in order:
             found = _fit(flown, k, 0)
             if found is None:
                 continue
             total = float(found.s.sum())
-            if chosen[1] is None or total >= self.config.keep * most:
-                chosen = k, found  # type: ignore[assignment]
-            most = max(most, total)
-        return chosen
+            if best is None or total >= self.config.keep * most:
+                chosen, best = k, found
+            # noise that is not white lifts the sum of short blocks too: only a clear loss counts
+            spread = math.sqrt(max(float(found.covariance.sum()), 0.0))
+            most = max(most, total - self.config.keep_sigmas * spread)
+        lost = most / float(best.s.sum()) if best is not None and most > 0.0 < best.s.sum() else 1.0
+        return chosen, best, min(max(lost, 1.0), self.config.most_lost)
 
     def _answer(
         self,
@@ -207,6 +232,7 @@ class RecommendedTracker:
         length: int,
         flipped: bool,
         window: float,
+        lost: float,
     ) -> Answer:
         c = self.config
         speed = np.mean([stretch.speed for stretch in flown], axis=0)
@@ -240,6 +266,7 @@ class RecommendedTracker:
             self.tracker.lengths[length],
             together,
             seen,
+            lost,
         )
 
     def _undecided(self, verdict: Verdict, together: tuple[int, ...]) -> Verdict:

@@ -31,10 +31,10 @@ class VibrationLevel:
     def __init__(self, rotors: int, config: LevelConfig) -> None:
         self.config = config
         self.rate = NAN
-        self._levels: deque[float] = deque(maxlen=config.window)
-        self._vibration: deque[float] = deque(maxlen=config.window)
-        self._lines: deque[tuple[float, ...]] = deque(maxlen=2 * config.window)  # frequency, commands
-        self._commands: deque[float] = deque(maxlen=config.window)
+        self._levels: deque[float] = deque(maxlen=config.flight)
+        self._vibration: deque[float] = deque(maxlen=config.flight)
+        self._lines: deque[tuple[float, ...]] = deque(maxlen=config.window)  # frequency, commands
+        self._commands: deque[float] = deque(maxlen=config.flight)
         self._t: list[float] = []
         self._a: list[complex] = []
         self._end = NAN
@@ -88,32 +88,31 @@ class VibrationLevel:
         for past in (self._levels, self._vibration, self._lines, self._commands):
             past.clear()
 
-    @property
-    def commanded(self) -> float:
-        """Mean command over the last blocks [-]; NaN without any."""
-        return float(np.mean(self._commands)) if self._commands else NAN
+    def commanded(self, blocks: int) -> float:
+        """Return the mean command over the last blocks [-]; NaN without any."""
+        return float(np.mean(list(self._commands)[-blocks:])) if self._commands else NAN
 
-    def level(self) -> float:
-        """Return the horizontal level above the corner, rms [m/s²]; NaN while unknown."""
-        return self._median(self._levels)
+    def level(self, blocks: int) -> float:
+        """Return the horizontal level above the corner over the last blocks, rms [m/s²]; NaN while unknown."""
+        return self._median(self._levels, blocks)
 
-    def autopilots(self) -> float:
-        """Return the horizontal VIBRATION [m/s²]; NaN while unknown."""
-        return self._median(self._vibration)
+    def autopilots(self, blocks: int) -> float:
+        """Return the horizontal VIBRATION over the last blocks [m/s²]; NaN while unknown."""
+        return self._median(self._vibration, blocks)
 
     def excess(self, baseline: Baseline) -> tuple[float, float]:
         """Return the largest ratio to the baseline, and log odds of a damaged propeller; NaN = not known."""
         c = self.config
         best = (NAN, NAN)
-        known = self.commanded
+        known = self.commanded(c.window)
         if (
             baseline.command == baseline.command
             and abs(known - baseline.command) > c.another * baseline.command
         ):
             return best
         for now, then, limit in (
-            (self.level(), baseline.level, c.ratio),
-            (self.autopilots(), baseline.vibration, c.vibration_ratio),
+            (self.level(c.window), baseline.level, c.ratio),
+            (self.autopilots(c.window), baseline.vibration, c.vibration_ratio),
         ):
             if now == now and then > 0.0:
                 odds = math.log(9.0) + math.log(max(now / then, 1e-9) / limit) / c.spread
@@ -124,7 +123,7 @@ class VibrationLevel:
     def follower(self) -> tuple[int, float, float]:
         """Return the rotor whose command moves with the strongest line (-1 = none), its r and its lead."""
         c = self.config
-        if len(self._lines) < c.window:
+        if len(self._lines) < c.least:
             return -1, NAN, NAN
         rows = np.array(self._lines)
         line, command = rows[:, 0], rows[:, 1:]
@@ -138,8 +137,8 @@ class VibrationLevel:
         lead = float(r[b] - np.delete(r, b).max())
         return (b if r[b] > c.correlation and lead > c.lead else -1), float(r[b]), lead
 
-    def _median(self, past: deque[float]) -> float:
-        return float(np.median(past)) if len(past) >= self.config.least else NAN
+    def _median(self, past: deque[float], blocks: int) -> float:
+        return float(np.median(list(past)[-blocks:])) if len(past) >= self.config.least else NAN
 
     def _restart(self, start: float) -> None:
         self._t.clear()
