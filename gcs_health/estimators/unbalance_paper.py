@@ -36,21 +36,20 @@ SCALE_TIME = 10.0  # s over which the scale of the commands is learned
 LEAST_COMMAND = 0.05  # [-]; below, motors idle
 
 
-def measurement(x: Array, amplitude: Array, sigma: float) -> tuple[float, Array, float]:
+def measurement(x: Array, start: Array) -> tuple[float, Array, float]:
     """Return h (26), H (30), (31) and the variance (22) of the power.
+
+    With g = start exp(2 x) they are sum g, 2 g, and h² - sum b_i²: (22) with its square completed.
 
     Parameters
     ----------
     x : (n + 1,) state.
-    amplitude : (n,) Delta_0 f_i [m/s²]. sigma : sigma_d0 [m/s²].
+    start : (n + 1,) powers at x = 0: (Delta_0 f_i)² of each rotor, 2 sigma_d0² last [m²/s^4].
     """
-    e = np.exp(2.0 * x)
-    b = amplitude * amplitude * e[:-1]
-    s = float(e[-1]) * sigma * sigma
-    total = float(b.sum())
-    H = np.append(2.0 * b, 4.0 * s)
-    variance = 4.0 * s * s + total * total - float(b @ b) + 4.0 * s * total
-    return total + 2.0 * s, H, variance
+    g = start * np.exp(2.0 * x)
+    h = float(g.sum())
+    b = g[:-1]
+    return h, 2.0 * g, h * h - float(b @ b)
 
 
 class PaperUnbalance:
@@ -69,7 +68,8 @@ class PaperUnbalance:
         self.P = np.diag(np.append(np.full(n, c.start_std**2), c.noise_std**2))
         self._q = np.append(np.full(n, c.drift**2), c.noise_drift**2)
         self._highpass = HighPass(c.highpass)
-        self._amplitude = np.full(n, NAN)
+        self._start = np.append(np.full(n, NAN), 2.0 * c.noise**2)
+        self._unknown = n  # rotors whose speed is not known
         self._lag = np.full(n, NAN)
         self._command = np.full(n, NAN)
         self._mean_square = NAN
@@ -85,8 +85,10 @@ class PaperUnbalance:
         """Take measured speeds [rad/s], NaN = nothing new."""
         amplitude = self.config.start * speed * speed
         known = amplitude == amplitude
-        self._amplitude[known] = amplitude[known]
+        self._start[:-1][known] = (amplitude * amplitude)[known]
         self._measured = True
+        if self._unknown:
+            self._unknown = int(np.isnan(self._start).sum())
 
     def commands(self, command: Array) -> None:
         """Take commands [-], NaN = not known; used where no speed was ever measured."""
@@ -105,7 +107,7 @@ class PaperUnbalance:
         a = self._highpass.feed(dt, ax, ay)
         if not self._measured:
             self._follow_commands(dt)
-        if not flying or not dt or not np.isfinite(self._amplitude).all():
+        if not flying or not dt or self._unknown:
             return
         self.flown += dt
         self._update(dt, a.real * a.real + a.imag * a.imag)
@@ -121,15 +123,15 @@ class PaperUnbalance:
         return out
 
     def _update(self, dt: float, z: float) -> None:
-        h, H, variance = measurement(self.x, self._amplitude, self.config.noise)
+        h, H, variance = measurement(self.x, self._start)
         P = self.P
         P.flat[:: len(H) + 1] += self._q * dt
         PH = P @ H
         S = float(H @ PH) + variance + self.config.extra
-        K = PH / S
         innovation = z - h
-        self.x = np.clip(self.x + K * innovation, -MOST_X, MOST_X)
-        self.P = P - K[:, None] * PH  # = (I - K H) P, symmetric as it stands
+        x = self.x + PH * (innovation / S)
+        self.x = np.minimum(np.maximum(x, -MOST_X), MOST_X)
+        P -= PH[:, None] * (PH / S)  # = (I - K H) P, symmetric as it stands
         nis = innovation * innovation / S
         self.nis = nis if self.nis != self.nis else self.nis + 1e-3 * (nis - self.nis)
 
@@ -146,4 +148,6 @@ class PaperUnbalance:
             self._mean_square = mean
         self._mean_square += (mean - self._mean_square) * min(1.0, dt / SCALE_TIME)
         if self._hover_square == self._hover_square:
-            self._amplitude = self.config.start * self._hover_square * square / self._mean_square
+            amplitude = self.config.start * self._hover_square * square / self._mean_square
+            self._start[:-1] = amplitude * amplitude
+            self._unknown = 0
