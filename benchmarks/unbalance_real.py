@@ -81,8 +81,8 @@ def report(folder_name: str) -> None:
     folder = Path(folder_name)
     print("With rotor speeds, no damage known and no baseline; amplitudes at mean speed, last solution.\n")
     print(
-        "| flight | rates | lines Hz | m/s² | may be the largest | wrong direction keeps | block s | alarms | true |\n"
-        "|---|---|---|---|---|---|---|---|---|"
+        "| flight | rates | lines Hz | m/s² | may be the largest | wrong direction keeps | block s | alarms "
+        "| true |\n|---|---|---|---|---|---|---|---|---|"
     )
     for name, truth in WITH_SPEEDS.items():
         for rates, keep in RATES.items():
@@ -91,11 +91,12 @@ def report(folder_name: str) -> None:
             print(_tracked(folder, name, rates, keep, truth), flush=True)
     print("\nWithout rotor speeds: the level against a healthy flight's, after the rule of sheet 5.\n")
     print(
-        "| flight | baseline | level / baseline, least to most | damaged, P > 0.9 from s | true |\n|---|---|---|---|---|"
+        "| flight | baseline | level / baseline, least to most | damaged, P > 0.9 from s | true |\n"
+        "|---|---|---|---|---|"
     )
     for name, (healthy, truth) in WITHOUT.items():
         config = UnbalanceConfig(baseline=baseline(folder, healthy) if healthy else None)
-        estimator, said, start = play(folder, name, config)
+        _, said, start = play(folder, name, config)
         ratios = [float(dict(e.evidence).get("over_baseline", math.nan)) for e in said]
         ratios = [ratio for ratio in ratios if ratio == ratio]
         span = (

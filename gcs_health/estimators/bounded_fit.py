@@ -86,7 +86,7 @@ def fit(power: Array, mix: Array, noise: Array, cluster: Array) -> Fit | None:
     n = mix.shape[1]
     starts = np.flatnonzero(np.diff(cluster, prepend=-1))
     clusters = len(starts)
-    if clusters < n + 3 or not (np.isfinite(power).all() and np.isfinite(mix).all()):
+    if clusters < n + 2 or not (np.isfinite(power).all() and np.isfinite(mix).all()):
         return None
     matrix = np.column_stack((mix, noise))
     scale = 1.0 / np.maximum(np.sqrt(np.mean(matrix * matrix, axis=0)), 1e-300)

@@ -44,7 +44,7 @@ __all__ = ["Baseline", "UnbalanceConfig", "UnbalanceEstimator"]
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = math.nan
 MILLIGRAM = 1e-6  # kg
-LARGEST_SIGMAS = 4.0  # within these of the largest estimate another rotor may be the largest
+LARGEST_SIGMAS = 3.0  # within these of the largest estimate another rotor may be the largest
 Evidence = tuple[tuple[str, float | str], ...]
 
 

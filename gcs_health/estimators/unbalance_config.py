@@ -51,12 +51,12 @@ class RecommendedConfig:
     """Order tracking; sheet 2 section 5 unless said otherwise."""
 
     lengths: tuple[float, ...] = (0.2, 0.4, 0.8)  # s, of blocks
-    keep: float = 0.9  # a longer block must keep so much of a shorter one's sum of s
+    keep: float = 0.75  # a longer block must keep so much of a shorter one's sum of s; 0.9 in the sheet
     keep_sigmas: float = 0.5  # less so many standard deviations; this project
     most_lost: float = 1.5  # highest factor on s for what long blocks lose; this project
     windows: tuple[float, float] = (20.0, 10.0)  # s
     every: int = 2  # stretches between solutions; this project
-    least: float = 6.0  # s of flight before a first answer; this project
+    least: float = 4.5  # s of flight before a first answer; this project
     highpass: float = 2.0  # Hz
     highpass_filtered: float = 5.0  # Hz, behind a low-pass
     wait: float = 0.15  # s for the speeds that bracket a stretch

@@ -62,9 +62,8 @@ def flight(
     absent = (NAN,) * n
     every, esc_every = round(1.0 / (imu_hz * dt)), round(1.0 / (esc_hz * dt))
     for k in range(1, len(t)):
-        if k % esc_every == 0:
-            if speeds:
-                yield RotorReading(t[k], tuple(w[k].tolist()), absent, absent)
+        if k % esc_every == 0 and speeds:
+            yield RotorReading(t[k], tuple(w[k].tolist()), absent, absent)
         if k % every == 0:
             yield ImuReading(t[k], a[k].real, a[k].imag, -9.81, 0.0, 0.0, 0.0)
 
