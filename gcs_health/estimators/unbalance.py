@@ -140,12 +140,12 @@ class UnbalanceEstimator:
         missing = self._missing(t)
         if self._paper is not None:
             return self._paper_estimates(self._paper, t, missing)
-        if missing and missing != [Reason.ROTOR_SPEED_STALE] and Reason.ROTOR_NOT_REPORTED not in missing:
+        if Reason.NO_ROTOR_SPEEDS in missing:
             return self._level_estimates(t, missing)
         answer = self._recommended.answer
         if missing or answer is None:
             reasons = missing or [self._recommended.gate or Reason.SETTLING]
-            return [self._unknown(t, i, reasons) for i in range(self._rotors)]
+            return [self._unknown(t, i, self._of_rotor(reasons, i)) for i in range(self._rotors)]
         return [self._estimate(answer, t, i) for i in range(self._rotors)]
 
     @property
@@ -242,8 +242,15 @@ class UnbalanceEstimator:
         elif t - newest > stale:
             reasons.append(Reason.ROTOR_SPEED_STALE)
         elif min(self._speed_t) == -math.inf:
-            reasons.append(Reason.ROTOR_NOT_REPORTED)
+            reasons.append(Reason.ROTOR_SPEEDS_INCOMPLETE)
         return reasons
+
+    def _of_rotor(self, missing: list[Reason], rotor: int) -> list[Reason]:
+        """Return what is missing as it is for this rotor: its own speed, or another's."""
+        own = (
+            Reason.ROTOR_NOT_REPORTED if self._speed_t[rotor] == -math.inf else Reason.ROTOR_SPEEDS_INCOMPLETE
+        )
+        return [own if reason is Reason.ROTOR_SPEEDS_INCOMPLETE else reason for reason in missing]
 
     # -- estimates ----------------------------------------------------------------------------------
 
@@ -355,7 +362,7 @@ class UnbalanceEstimator:
         if Reason.NO_ROTOR_SPEEDS in missing and core.flown > 0.0:
             missing = [reason for reason in missing if reason is not Reason.NO_ROTOR_SPEEDS]
         if missing:
-            return [self._unknown(t, i, missing) for i in range(n)]
+            return [self._unknown(t, i, self._of_rotor(missing, i)) for i in range(n)]
         value, std = core.unbalance(), core.std()
         c = self.config.paper
         b = int(np.argmax(value))

@@ -244,6 +244,19 @@ def test_the_rotor_whose_command_moves_with_the_line_is_named_without_speeds() -
     assert dict(said[1].evidence)["line_follows_r"] > 0.7
 
 
+def test_a_silent_esc_keeps_all_from_being_judged_and_each_is_told_why() -> None:
+    craft = airframe(4)
+    readings = [
+        r._replace(speed=(NAN, *r.speed[1:])) if isinstance(r, RotorReading) else r
+        for r in flight(craft, [DAMAGE, 0.0, 0.0, 0.0])
+    ]
+    said = judged(craft, iter(readings))
+    assert [e.reasons for e in said] == [
+        (Reason.ROTOR_NOT_REPORTED,),
+        *[(Reason.ROTOR_SPEEDS_INCOMPLETE,)] * 3,
+    ]
+
+
 def test_what_cannot_be_used_is_refused() -> None:
     craft = airframe(4)
     unknown = replace(craft, rotors=(replace(craft.rotors[0], spin=0), *craft.rotors[1:]))
