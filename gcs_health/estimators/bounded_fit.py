@@ -100,8 +100,12 @@ def fit(power: Array, mix: Array, noise: Array, cluster: Array) -> Fit | None:
     for _ in range(REWEIGHTINGS + 1):
         weighted = matrix / variance[:, None]
         gram, right = matrix.T @ weighted, weighted.T @ power
-        gram.flat[:: n + 2] += RIDGE * np.diag(gram)
-        triangle = np.linalg.cholesky(gram).T
+        own = np.diag(gram).copy()
+        gram.flat[:: n + 2] += np.where(own > 0.0, RIDGE * own, 1.0)  # a blind rotor has an empty column
+        try:
+            triangle = np.linalg.cholesky(gram).T
+        except np.linalg.LinAlgError:  # absurd numbers
+            return None
         target = np.linalg.solve(triangle.T, right)
         x, residual = _nnls(triangle, target)
         variance = _variance(matrix, x)
