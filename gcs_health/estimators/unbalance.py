@@ -107,6 +107,7 @@ class UnbalanceEstimator:
         self._recommended = RecommendedTracker(self.airframe, c.recommended, damage, c.baseline)
         self._level = VibrationLevel(n, c.level)
         self._speed_t = [-math.inf] * n
+        self._speeds_known = False
         self._imu_t = -math.inf
         self._armed: bool | None = None
         self._landed: bool | None = None
@@ -197,7 +198,8 @@ class UnbalanceEstimator:
         if self._paper is not None:
             self._paper.imu(t, ax, ay, airborne)
             return False
-        self._level.imu(t, ax, ay, airborne)
+        if not self._speeds_known:  # where they are, the rotors' own unbalances are the better baseline
+            self._level.imu(t, ax, ay, airborne)
         return self._recommended.imu(t, ax, ay, airborne)
 
     def _take_speeds(self, reading: RotorReading) -> None:
@@ -208,6 +210,7 @@ class UnbalanceEstimator:
             if -FASTEST < speed < FASTEST and t >= last[i]:
                 last[i] = t
                 new[i] = abs(speed)
+                self._speeds_known = True
                 tracks[i].add(t, new[i])
         if self._paper is not None:
             self._paper.speeds(np.array(new))

@@ -66,7 +66,9 @@ class RecommendedConfig:
     threshold: float = 16.0  # cost of a bounded fit
     ok_below: float = 0.25  # of the damage
     damaged_above: float = 0.7  # of the damage
-    sign_ratio: float = 1.5  # between the sums of s of both spin signs, to believe one of them; this project
+    sign_ratio: float = 1.5  # between the sums of s of both spin signs, to see the airframe's own right
+    flip_ratio: float = 1.8  # likewise, to see them wrong; this project
+    flip_after: int = 4  # successive solutions that must say so; this project
     sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
     inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
     entangled: float = 0.3  # entry of its eigenvector

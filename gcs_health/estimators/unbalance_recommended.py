@@ -109,6 +109,7 @@ class RecommendedTracker:
         # a geometry that was only assumed must first be seen to be right
         self._sign_known = airframe.source is not AirframeSource.ASSUMED
         self._flipped = False
+        self._against = 0  # solutions that spoke for the other sign
         self._outlier = outlier_ratio(n, c.outlier_chance, c.outlier)
         self.answer: Answer | None = None
         self.gate: Reason | None = None
@@ -181,7 +182,7 @@ class RecommendedTracker:
         late = _fit(recent, k, int(flipped))
         if late is None:
             return made
-        newer = self._answer(t, late, None, recent, k, flipped, short, lost)
+        newer = self._answer(t, late, _fit(recent, k, int(not flipped)), recent, k, flipped, short, lost)
         return newer if newer.verdict.finding is Finding.ROTOR else made
 
     def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
@@ -194,7 +195,9 @@ class RecommendedTracker:
             present = given if given.s.sum() > other.s.sum() else other
             b = int(np.argmax(present.s))
             strong = present.s[b] > c.sign_sigmas * present.std()[b]
-            if strong and other.s.sum() > c.sign_ratio * given.s.sum():
+            against = strong and other.s.sum() > c.flip_ratio * given.s.sum()
+            self._against = self._against + 1 if against else 0
+            if self._against >= c.flip_after:
                 self._flipped, self._sign_known = True, True
             elif strong and given.s.sum() > c.sign_ratio * other.s.sum():
                 self._flipped, self._sign_known = False, True
@@ -243,6 +246,10 @@ class RecommendedTracker:
             against = judge(other, ok_below, damaged_above, c.threshold, certain)
             if against.finding is not Finding.OK:
                 verdict = replace(verdict, finding=Finding.UNKNOWN)
+        if verdict.finding is Finding.ROTOR and other is not None and other.s.sum() > best.s.sum():
+            rival = int(np.argmax(other.s))
+            if rival != verdict.rotor:
+                verdict = self._undecided(verdict, tuple(sorted((verdict.rotor, rival))))
         if verdict.finding is Finding.ROTOR and not self._sign_known:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
         together: tuple[int, ...] = ()
