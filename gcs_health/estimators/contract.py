@@ -25,6 +25,7 @@ class Quantity(StrEnum):
 
     EFFECTIVENESS = "effectiveness"  # [-], 1 healthy, 0 lost
     UNBALANCE = "unbalance"  # [kg m]
+    UNBALANCE_RELATIVE = "unbalance_relative"  # [m], unbalance per vehicle mass, where the mass is not known
     DRAG = "drag"  # [-], 1 healthy
     DEGRADATION = "degradation"  # [-], 0 healthy
 
@@ -54,6 +55,9 @@ class Reason(StrEnum):
     NO_HEALTHY_REFERENCE = "no_healthy_reference"
     LOAD_SHIFTED = "load_shifted"
     TRIM_UNCLEAR = "trim_unclear"
+    NOT_IDENTIFIABLE = "not_identifiable"
+    LINE_NOT_IN_TELEMETRY = "line_not_in_telemetry"
+    NO_BASELINE = "no_baseline"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -79,6 +83,9 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.NO_HEALTHY_REFERENCE: "no commands of a healthy hover are known to compare with",
     Reason.LOAD_SHIFTED: "the hover commands changed as a shifted load changes them, not a damaged propeller",
     Reason.TRIM_UNCLEAR: "the hover commands changed, by a rotor or by a load: it cannot be told which",
+    Reason.NOT_IDENTIFIABLE: "not identifiable: which rotor it is cannot be told",
+    Reason.LINE_NOT_IN_TELEMETRY: "the rotor's vibration does not pass the filters before this telemetry",
+    Reason.NO_BASELINE: "no healthy baseline of this configuration to compare with",
 }
 
 
