@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 REGISTRY: dict[str, tuple[str, str]] = {
     "effectiveness": ("gcs_health.estimators.effectiveness", "EffectivenessEstimator"),
+    "motor_observer": ("gcs_health.estimators.motor_observer", "MotorObserver"),
 }
 
 

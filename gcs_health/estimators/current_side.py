@@ -1,0 +1,127 @@
+"""Which current an ESC tells: the motor's, of the torque, or the battery's; and the one from the other.
+
+At steady speed the motor's current goes with w², the battery's with w³, since I_b = delta i and the duty delta
+goes with w. So the slope of log(i - f w) over log w tells them apart: 1.5 to 1.9 for the motor, 2.7 to 3.3 for the
+battery, measured; cut at 2.45. An idle on the ground is what makes the speeds spread; hover alone does not.
+
+The sum of the ESCs' currents against the battery's own sensor is a second witness, and a worse one: its
+scale is often wrong, so it may say no more than "unusable".
+
+Source: sheet 3, what is wrong, item 1, and step 1; sheet 5 section 6.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class SideConfig:
+    """Rules of the recognition; sheet 3 unless said otherwise."""
+
+    cut: float = 2.45  # exponent between motor and battery
+    certain: float = 3.0  # standard errors that the exponent must be away from the cut; this project
+    steady: float = 0.73  # |w'| below this share of the flight's level a second: 400 rad/s² at 550 rad/s
+    slowest: float = 0.2  # of the level; an idle counts, a start does not
+    bin_width: float = 0.15  # of log w: eight bins from idle to full
+    least_in_bin: int = 4
+    least_bins: int = 3
+    spread: float = 0.12  # of log w between bins (standard deviation); this project
+    scatter: float = 0.06  # of log i in a bin that no number of readings averages away; this project
+    memory: int = 4000  # readings in a bin after which it forgets half
+    look_at: int = 6000  # steady readings in which a side given by the vehicle file is checked; this project
+    battery_sum: tuple[float, float] = (0.75, 1.15)  # sum of ESCs over battery that fits battery-side currents
+    motor_sum: tuple[float, float] = (1.15, 3.0)  # ... motor-side currents, the duty being below one
+
+
+class CurrentSide:
+    """Recognises the side from steady moments of all rotors.
+
+    Attributes
+    ----------
+    exponent, error : of current over speed, and its standard error; NaN while unknown.
+    news : readings taken.
+    """
+
+    def __init__(self, config: SideConfig) -> None:
+        self.config = config
+        self.exponent = self.error = math.nan
+        self._bins: dict[int, list[float]] = {}  # count, sum of w, of i, of i²
+        self.news = 0
+
+    def note(self, w: float, i: float) -> None:
+        """Take speed and current [rad/s, A] of a steady moment."""
+        key = math.floor(math.log(w) / self.config.bin_width)
+        row = self._bins.get(key)
+        if row is None:
+            if len(self._bins) > 60:
+                return
+            row = self._bins[key] = [0.0, 0.0, 0.0, 0.0]
+        row[0] += 1.0
+        row[1] += w
+        row[2] += i
+        row[3] += i * i
+        self.news += 1
+        if row[0] > self.config.memory:
+            row[:] = [0.5 * value for value in row]
+
+    def decide(self, friction: float) -> str | None:
+        """Return "motor", "battery", or None while it cannot be told; `friction` f [A s], 0 = unknown."""
+        c = self.config
+        self._fit(friction)
+        if self.error != self.error or abs(self.exponent - c.cut) < c.certain * self.error:
+            return None
+        return "motor" if self.exponent < c.cut else "battery"
+
+    def _fit(self, friction: float) -> None:
+        c = self.config
+        self.exponent = self.error = math.nan
+        rows = []
+        for count, w, i, square in self._bins.values():
+            if count < c.least_in_bin:
+                continue
+            mean = i / count - friction * w / count
+            variance = max(square / count - (i / count) ** 2, 0.0) / count
+            if mean > 3.0 * math.sqrt(variance) and mean > 0.0:
+                rows.append((math.log(w / count), math.log(mean), variance / mean**2 + c.scatter**2))
+        if len(rows) < c.least_bins:
+            return
+        x, y, v = np.array(rows).T
+        weight = 1.0 / v
+        total = weight.sum()
+        dx = x - (weight * x).sum() / total
+        if math.sqrt(float(np.mean(dx * dx))) < c.spread:
+            return
+        xx = float((weight * dx * dx).sum())
+        slope = float((weight * dx * y).sum()) / xx
+        residual = y - (weight * y).sum() / total - slope * dx
+        excess = float((weight * residual**2).sum()) / (len(rows) - 2)
+        self.exponent = slope
+        self.error = math.sqrt(max(excess, 1.0) / xx)
+
+
+def battery_witness(escs: float, battery: float, config: SideConfig) -> str:
+    """Compare the sum of the ESCs' currents with the battery's [A]: "motor", "battery" or "unusable"."""
+    if not (escs > 0.0 and battery > 0.0):
+        return "unusable"
+    ratio = escs / battery
+    if config.battery_sum[0] < ratio <= config.battery_sum[1]:
+        return "battery"
+    if config.motor_sum[0] < ratio <= config.motor_sum[1]:
+        return "motor"
+    return "unusable"
+
+
+def motor_current(w: float, battery: float, volts: float, torque_constant: float, resistance: float) -> float:
+    """Return the motor's current from the battery's [A] at speed w [rad/s] and bus voltage [V].
+
+    u_b I_b = (R i + kappa_q w) i, the electric power on both sides of the ESC; its sign under braking is lost.
+    Source: sheet 3, step 1.
+    """
+    back = torque_constant * w
+    power = volts * battery
+    inside = back * back + 4.0 * resistance * power
+    if not inside > 0.0:
+        return 0.0
+    return (math.sqrt(inside) - back) / (2.0 * resistance)
