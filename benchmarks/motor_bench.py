@@ -200,7 +200,9 @@ def fly(
         drawn = (i * (resistance * i + TORQUE_CONSTANT * w)).sum(axis=1, keepdims=True) / bus
         bus = VOLTS - 0.01 * drawn
         out_w[k], out_i[k], out_lag[k], out_u[k] = w, i, lagged, bus[:, 0]
-    truth = {"inertia": inertia, "torque": torque, "friction": friction, "resistance": resistance}
+    aloft = slice(round((TAKE_OFF + 1.0) / (GRID * DT)), round((duration - LANDING) / (GRID * DT)))
+    flown = torque * wind[aloft].mean(axis=0)  # the drag that there was, this flight's wind included
+    truth = {"inertia": inertia, "torque": flown, "friction": friction, "resistance": resistance}
     return Bench(seeds, duration, trouble, at, rotor, out_w, out_i, out_lag, out_u, truth)
 
 

@@ -1,8 +1,11 @@
 """Which current an ESC tells: the motor's, of the torque, or the battery's; and the one from the other.
 
 At steady speed the motor's current goes with w², the battery's with w³, since I_b = delta i and the duty delta
-goes with w. So the slope of log(i - f w) over log w tells them apart: 1.5 to 1.9 for the motor, 2.7 to 3.3 for the
+goes with w. So the slope of log i over log w tells them apart: 1.5 to 1.9 for the motor, 2.7 to 3.3 for the
 battery, measured; cut at 2.45. An idle on the ground is what makes the speeds spread; hover alone does not.
+There a battery's current is near nothing, and an ESC's offset all that shows: such a bin counts, at the least
+current that can be told, with little weight. (The sheet takes friction off first: that turns a battery's current
+at idle negative.)
 
 The sum of the ESCs' currents against the battery's own sensor is a second witness, and a worse one: its
 scale is often wrong, so it may say no more than "unusable".
@@ -21,16 +24,24 @@ class SideConfig:
     """Rules of the recognition; sheet 3 unless said otherwise."""
 
     cut: float = 2.45  # exponent between motor and battery
-    certain: float = 3.0  # standard errors that the exponent must be away from the cut; this project
-    steady: float = 0.73  # |w'| below this share of the flight's level a second: 400 rad/s² at 550 rad/s
+    apart: float = 1.0  # between the exponents of the two sides, 1.9 and 2.9 with an idle; this project
+    certain: float = 9.0  # twice the log-likelihood ratio of the two sides that decides; this project
+    clear: float = 0.08  # that the exponent must be away from the cut at least; this project
+    steady: float = 0.35  # |w'| below this many w²/level a second; the sheet's 400 rad/s² is .73 in hover
     slowest: float = 0.2  # of the level; an idle counts, a start does not
     bin_width: float = 0.15  # of log w: eight bins from idle to full
-    least_in_bin: int = 4
+    least_in_bin: int = 6
+    offset: tuple[float, float] = (0.04, 0.005)  # A and share of the largest mean current that an idle may be
+    # off; smaller means count as that much; this project
     least_bins: int = 3
     spread: float = 0.12  # of log w between bins (standard deviation); this project
     scatter: float = 0.06  # of log i in a bin that no number of readings averages away; this project
     memory: int = 4000  # readings in a bin after which it forgets half
-    look_at: int = 6000  # steady readings in which a side given by the vehicle file is checked; this project
+    every: float = 0.03  # s between two looks at a rotor; this project
+    decide_every: int = 16  # readings; this project
+    look_at: int = 3000  # steady readings in which a side given by the vehicle file is checked; this project
+    braking: float = 0.7  # of the level a second; a rotor that falls so fast may be braked; this project
+    braking_current: float = 0.3  # of the usual, below which its battery-side current may be negative; this project
     battery_sum: tuple[float, float] = (0.75, 1.15)  # sum of ESCs over battery that fits battery-side currents
     motor_sum: tuple[float, float] = (1.15, 3.0)  # ... motor-side currents, the duty being below one
 
@@ -66,25 +77,27 @@ class CurrentSide:
         if row[0] > self.config.memory:
             row[:] = [0.5 * value for value in row]
 
-    def decide(self, friction: float) -> str | None:
-        """Return "motor", "battery", or None while it cannot be told; `friction` f [A s], 0 = unknown."""
+    def decide(self) -> str | None:
+        """Return "motor", "battery", or None while it cannot be told."""
         c = self.config
-        self._fit(friction)
-        if self.error != self.error or abs(self.exponent - c.cut) < c.certain * self.error:
+        self._fit()
+        away = abs(self.exponent - c.cut)
+        if not (away > c.clear and 2.0 * c.apart * away > c.certain * self.error**2):
             return None
         return "motor" if self.exponent < c.cut else "battery"
 
-    def _fit(self, friction: float) -> None:
+    def _fit(self) -> None:
         c = self.config
         self.exponent = self.error = math.nan
         rows = []
+        largest = max([row[2] / row[0] for row in self._bins.values() if row[0] >= c.least_in_bin], default=0.0)
+        offset = c.offset[0] + c.offset[1] * max(largest, 0.0)
         for count, w, i, square in self._bins.values():
             if count < c.least_in_bin:
                 continue
-            mean = i / count - friction * w / count
-            variance = max(square / count - (i / count) ** 2, 0.0) / count
-            if mean > 3.0 * math.sqrt(variance) and mean > 0.0:
-                rows.append((math.log(w / count), math.log(mean), variance / mean**2 + c.scatter**2))
+            mean = max(i / count, offset)
+            variance = max(square / count - (i / count) ** 2, 0.0) / count + 0.5 * offset**2
+            rows.append((math.log(w / count), math.log(mean), variance / mean**2 + c.scatter**2))
         if len(rows) < c.least_bins:
             return
         x, y, v = np.array(rows).T

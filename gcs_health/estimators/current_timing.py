@@ -31,12 +31,14 @@ SNAPSHOT = Timing()
 class TimingConfig:
     """How the timing is found; this project's figures."""
 
-    lags: tuple[float, ...] = (0.007, 0.010, 0.014, 0.020, 0.028, 0.040, 0.056, 0.080)  # s
-    shortest_lag: float = 0.3  # of the usual interval; shorter ones cannot be seen
+    lags: tuple[float, ...] = (0.010, 0.020, 0.028, 0.040, 0.056, 0.080)  # s
+    shortest_lag: float = 0.5  # of the usual interval; shorter ones cannot be seen
+    slow: float = 0.05  # s; between readings that far apart a lag cannot be told from a mean
+    mean_margin: float = 0.1  # by which a mean may be worse there: taken for one, snapshots are far worse
     block: float = 3.0  # s
     samples: tuple[int, int] = (24, 512)  # of a block, least and most
-    blocks: int = 4  # of every rotor until it is decided
-    gain: float = 0.15  # in the logarithm of the residual's variance, against a current of the moment
+    blocks: int = 2  # of every rotor until it is decided
+    gain: float = 0.25  # in the logarithm of the residual's variance, against a current of the moment
     interval: float = 0.010  # s, the shortest over which the balance is made
 
 
@@ -91,7 +93,9 @@ class CurrentTiming:
         t, w, i = block.T
         usual = float(np.median(np.diff(t)))
         candidates = [SNAPSHOT, Timing(mean=True)]
-        candidates += [Timing(lag=lag) for lag in self.config.lags if lag >= self.config.shortest_lag * usual]
+        if usual < self.config.slow:
+            least = self.config.shortest_lag * usual
+            candidates += [Timing(lag=lag) for lag in self.config.lags if lag >= least]
         self._scores.append({each: self._residual(t, w, i, each) for each in candidates})
         self.speed_step = max(self.speed_step, quantum(w))
 
@@ -121,7 +125,11 @@ class CurrentTiming:
         common = set.intersection(*[set(scores) for scores in self._scores])
         mean = {each: float(np.mean([scores[each] for scores in self._scores])) for each in common}
         best = min(sorted(common), key=lambda each: mean[each])
-        self.decided = best if mean[best] < mean[SNAPSHOT] - c.gain else SNAPSHOT
+        if len(common) == 2:  # snapshots or means, at a slow rate
+            best = max(sorted(common))
+            self.decided = best if mean[best] < mean[SNAPSHOT] + c.mean_margin else SNAPSHOT
+        else:
+            self.decided = best if mean[best] < mean[SNAPSHOT] - c.gain else SNAPSHOT
         self._blocks = [[] for _ in self._blocks]
         self._scores.clear()
         return True

@@ -26,6 +26,7 @@ class RatioConfig:
     back: float = 0.04  # inside the threshold by that much for `clear` until it is taken back; this project
     clear: float = 2.0  # s; this project
     every: float = 0.05  # s between two looks
+    full: float = 0.6  # of the level; an interval at less speed is friction and offset; this project
     least_rotors: int = 3  # for a median
     slow_time: float = 60.0  # s over which slow telemetry is averaged
     slow_loss: float = 0.75
@@ -48,10 +49,12 @@ class DragRatio:
         self._since = [math.nan] * rotors
         self._due = -math.inf
 
+    def due(self, t: float) -> bool:
+        """Whether it is time to look again."""
+        return t >= self._due or self._due - t > 1.0
+
     def feed(self, t: float, levels: list[float], slow: bool = False) -> bool:
         """Take eta over eta_0 of every rotor, NaN = unknown, at t [s]; return whether a verdict changed."""
-        if t < self._due and self._due - t < 1.0:
-            return False
         c = self.config
         self._due = t + c.every
         known = sorted([level for level in levels if level == level])

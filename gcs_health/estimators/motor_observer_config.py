@@ -19,10 +19,10 @@ Mode = Literal["paper", "recommended"]
 class RecommendedConfig:
     """The recommended mode; sheet 3 unless said otherwise."""
 
-    learn: float = 5.0  # s of flight after which a rotor's healthy level is kept; this project
+    learn: float = 6.0  # s of flight after which a rotor's healthy level is kept; this project
     learn_unknown: float = 5.0  # s of flight until an unknown drag is taken as learned; this project
-    drag_known: float = 0.05  # relative standard deviation of an unknown drag below which it is taken
-    rows: int = 24  # intervals between two looks at the constants
+    drag_known: float = 0.15  # relative standard deviation of an unknown drag below which it is taken
+    rows: int = 60  # intervals between two looks at the constants
     slowest: float = 0.2  # s between samples, beyond which no sudden loss is judged; sheet 5 section 6
     balance: BalanceConfig = field(default_factory=BalanceConfig)
     side: SideConfig = field(default_factory=SideConfig)

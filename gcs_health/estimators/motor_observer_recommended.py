@@ -54,6 +54,8 @@ class RecommendedObserver:
         self.witness = ""  # what the battery's own sensor says of the side
         self._slow = [SlowMean(config.ratio.slow_time) for _ in range(n)]
         self._lags: list[tuple[Lag, Lag] | None] = [None] * n  # of speed and its square
+        self._last = [(-math.inf, 0.0)] * n  # time and speed before, where braking matters
+        self._look = [-math.inf] * n  # when a steady moment is looked for next
         self._noted: list[tuple[float, float] | None] = [None] * n  # time and speed last looked at
         self._seen = [NAN] * n  # latest speeds
         self._currents = [NAN] * n
@@ -89,48 +91,42 @@ class RecommendedObserver:
     def rotors(self, reading: RotorReading) -> bool:
         """Take speeds and currents; return whether a decision about a rotor changed."""
         t = reading.t
-        seen, amperes = self._seen, self._currents
-        news: list[tuple[int, float, float, float]] = []
-        for k, (w, i, u) in enumerate(zip(reading.speed, reading.current, reading.voltage, strict=False)):
-            if k >= len(seen):
-                break
-            if 0.0 <= w < FASTEST:
-                seen[k] = w
-                if -MOST_CURRENT < i < MOST_CURRENT:
-                    amperes[k] = i
-                    news.append((k, w, i, u))
-        mean = sum(seen) / len(seen)
-        if mean != mean:  # a rotor that has not reported
-            mean = mean_of_known(seen)
+        seen, amperes, inputs = self._seen, self._currents, self.inputs
         level = self.level
-        if mean == mean and level.speeds(t, mean):
-            self._begin_anew()
         judged = level.judged(t)
         slowest = level.config.turning * level.value
         changed = False
-        for k, w, i, u in news:
-            given = self.inputs[k]
-            dt = given.take(t, w, i, u)
-            if dt > 0.0:
-                changed |= self._rotor(k, given, t, dt, judged, slowest)
-        if news:
-            changed |= self._compare(t, judged)
-        return changed
+        for k, (w, i, u) in enumerate(zip(reading.speed, reading.current, reading.voltage, strict=False)):
+            if k < len(seen) and 0.0 <= w < FASTEST:
+                seen[k] = w
+                if -MOST_CURRENT < i < MOST_CURRENT:
+                    dt = inputs[k].take(t, w, i, u)
+                    if dt > 0.0:
+                        amperes[k] = i
+                        changed |= self._rotor(k, inputs[k], dt, judged, slowest)
+        mean = sum(seen) / len(seen)
+        if mean != mean:  # a rotor that has not reported
+            mean = mean_of_known(seen)
+        if mean == mean and level.speeds(t, mean):
+            return self._begin_anew()
+        return self._compare(t, judged) or changed
 
-    def _rotor(
-        self, k: int, given: RotorInput, t: float, dt: float, judged: bool, slowest: float
-    ) -> bool:
+    def _rotor(self, k: int, given: RotorInput, dt: float, judged: bool, slowest: float) -> bool:
         """Take one rotor's new speed and current; return whether it was lost or found again."""
-        w, i = given.speed, given.current
-        if self.measured_on is None or self.side.news < self.config.side.look_at:
-            self._note_steady(k, given, t)
+        t, w, i = given.t, given.speed, given.current
+        if t >= self._look[k]:
+            self._note_steady(k, given)
         if self.measured_on == "battery":
-            i = self._converted(given)
+            i = self._converted(k, given)
             if i != i:
                 if judged:
                     self._note_slow(k, dt, w, given)
                 return False
-        if judged and given.interval > self.config.slowest:
+            if self._brakes(k, given):
+                self.balances[k].skip()
+                return False
+        fast = not given.interval > self.config.slowest
+        if judged and not fast:
             self._note_slow(k, dt, w, given)
         balance = self.balances[k]
         if w < slowest or not slowest > 0.0 or self.undriven.undriven[k]:
@@ -149,44 +145,60 @@ class RecommendedObserver:
             else:
                 w, squares = lags[0].step(dt, w), lags[1].step(dt, squares)
         was = balance.lost
-        testable = judged and self.measured_on is not None and not given.interval > self.config.slowest
+        testable = judged and fast and self.measured_on is not None
         if balance.sample(t, w, squares, i, testable) and len(balance.rows) >= self.config.rows:
             self._look_at_constants(k, balance, given)
         return balance.lost is not was
 
     # -- what the currents are ----------------------------------------------------------------------
 
-    def _note_steady(self, k: int, given: RotorInput, t: float) -> None:
+    def _note_steady(self, k: int, given: RotorInput) -> None:
         """Show steady moments to the recognition of the side, and act on what it finds."""
-        before = self._noted[k]
-        if before is not None and t - before[0] < 0.01:
-            return
         c = self.config.side
-        level = self.level.value
+        level, t = self.level.value, given.t
+        before = self._noted[k]
         self._noted[k] = t, given.speed
+        done = self.measured_on is not None and self.side.news >= c.look_at
+        self._look[k] = math.inf if done else t + c.every
         if before is None or t - before[0] > 1.0 or not given.speed > c.slowest * level > 0.0:
             return
-        if abs(given.speed - before[1]) > c.steady * level * (t - before[0]):
+        if abs(given.speed - before[1]) * level > c.steady * given.speed**2 * (t - before[0]):
             return
         self.side.note(given.speed, given.current)
-        if self.side.news % 64 == 0:
-            found = self.side.decide(self.prior.f)
-            if found is not None and found != self.measured_on:
-                if self.airframe.motor.current_side is not None:
-                    self.contradicted = True
-                else:
-                    self.measured_on = found
-                    self._know_constants()
-            elif found is not None:
-                self.contradicted = False
+        if self.side.news % c.decide_every == 0:
+            self._decide_side()
 
-    def _converted(self, given: RotorInput) -> float:
+    def _decide_side(self) -> None:
+        found = self.side.decide()
+        if found is None:
+            return
+        if self.measured_on is None:
+            self.measured_on = found
+            self._know_constants()
+        elif self.airframe.motor.current_side is not None:
+            self.contradicted = found != self.measured_on
+
+    def _converted(self, k: int, given: RotorInput) -> float:
         """Return the motor's current of a battery-side one; NaN where it cannot be told."""
         motor = self.airframe.motor
         volts = given.volts if given.volts > 0.5 else self._battery_volts
         if motor.torque_constant is None or motor.resistance is None or not volts > 0.5:
             return NAN
-        return motor_current(given.speed, given.current, volts, motor.torque_constant, motor.resistance)
+        i = motor_current(given.speed, given.current, volts, motor.torque_constant, motor.resistance)
+        # di/dI_b: at low duty a battery's ampere is worth several of the motor's, noise included
+        worth = volts / max(motor.torque_constant * given.speed + 2.0 * motor.resistance * i, 0.05 * volts)
+        self.balances[k].current_noise = self.config.balance.current_noise * max(worth, 1.0)
+        return i
+
+    def _brakes(self, k: int, given: RotorInput) -> bool:
+        """Whether the rotor may be braked: a battery-side current has no sign then."""
+        t, w = self._last[k]
+        self._last[k] = given.t, given.speed
+        c, now = self.config.side, given.speed
+        if not w - now > c.braking * self.level.value * (given.t - t):
+            return False
+        healthy = (self.airframe.motor.torque or 0.0) * now**3  # W
+        return given.current * given.volts < c.braking_current * healthy or not healthy
 
     @property
     def convertible(self) -> bool:
@@ -234,6 +246,7 @@ class RecommendedObserver:
         rows = balance.rows[:]
         balance.rows.clear()
         balance.threshold = c.balance.threshold(given.interval)
+        balance.full = (c.ratio.full * self.level.value) ** 2
         fit = self.fits[k]
         if balance.lost or balance.llr > c.balance.suspicion or not self.level.judged(given.t):
             return
@@ -265,14 +278,14 @@ class RecommendedObserver:
         """Hold the rotors against one another; return whether a verdict changed."""
         level = self.level.value
         changed = judged and self.undriven.feed(t, self._seen, self._currents, level, self._commands)
-        if not judged:
+        if not judged or not self.ratio.due(t):
             return changed
         if self.by_minutes:
             return self.ratio.feed(t, [mean.value for mean in self._slow], True) or changed
         ratios = []
         for k, balance in enumerate(self.balances):
             if balance.reference != balance.reference and balance.learned >= self.config.learn:
-                balance.reference = balance.slow
+                balance.reference = balance.baseline  # a mean over the time of learning
             gone = balance.lost or self.undriven.undriven[k] or balance.llr > self.config.balance.suspicion
             ratios.append(NAN if gone else balance.slow / balance.reference)
         return self.ratio.feed(t, ratios) or changed
@@ -285,8 +298,10 @@ class RecommendedObserver:
         intervals = [given.interval for given in self.inputs if given.interval == given.interval]
         return bool(intervals) and min(intervals) > self.config.slowest
 
-    def _begin_anew(self) -> None:
-        """Forget the healthy levels: another flight, or the take-off from an idle."""
+    def _begin_anew(self) -> bool:
+        """Forget the healthy levels: another flight, or the take-off from an idle; say if a verdict went with it."""
+        stood = any(self.undriven.undriven) or any(self.ratio.verdict)
+        stood |= any([balance.lost for balance in self.balances])
         for balance in self.balances:
             balance.restart()
             if self.prior.a != self.prior.a:
@@ -295,6 +310,7 @@ class RecommendedObserver:
         self._slow = [SlowMean(self.config.ratio.slow_time) for _ in range(n)]
         self.ratio = DragRatio(n, self.config.ratio)
         self.undriven = UndrivenMotor(n, self.config.undriven)
+        return stood
 
 
 def in_amperes(airframe: Airframe) -> Constants:

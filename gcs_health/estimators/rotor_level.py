@@ -16,6 +16,8 @@ class LevelConfig:
     follow: float = 1.0  # s, mean speed of all rotors
     fade: float = 90.0  # s in which the level would fall
     take_off: float = 1.3  # rise of the level that makes a new beginning
+    lift_off: float = 1.7  # mean speed over the level that makes it a take-off whatever is said of the ground
+    idle: float = 1.0  # s, the shortest stay at a level that counts as an idle before it
     turning: float = 0.4  # of the level; a rotor below tells nothing of its propeller (sheet 3, step 3)
     settle: float = 0.5  # s after a beginning until a verdict
     least: float = 20.0  # rad/s; below, nothing turns
@@ -74,7 +76,7 @@ class RotorLevel:
         self.value = value if value > self._mean else self._mean
         if self.value <= c.take_off * self._anchor:
             return False
-        self.took_off = self.took_off or self._anchor > c.least
+        self.took_off |= t - self.began > c.idle and mean > c.lift_off * self._anchor > 0.0
         self._anchor = self.value
         self.began = t
         return True

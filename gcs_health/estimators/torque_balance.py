@@ -85,6 +85,7 @@ class RotorBalance:
     baseline : b, the healthy level that the test believes in. scale : c, what the noise model is short of.
     llr : the sequential log-likelihood ratio. lost : whether it has raised an alarm.
     learned : time spent learning [s]. reference : eta when learning ended, NaN before.
+    current_noise : of one sample [A]. full : w² from which an interval counts for slow damage [rad²/s²].
     rows : the latest intervals for `motor_identification`: mean w², mean w, w', mean i, S, dt.
     """
 
@@ -106,7 +107,9 @@ class RotorBalance:
         "baseline",
         "config",
         "constants",
+        "current_noise",
         "eta",
+        "full",
         "h",
         "learned",
         "llr",
@@ -127,6 +130,8 @@ class RotorBalance:
         self.constants = constants
         self.threshold = config.thresholds[0][1]
         self.speed_variance = config.speed_noise**2
+        self.current_noise = config.current_noise
+        self.full = 0.0
         self._means = False  # whether a current is the mean since the last one
         self.rows: list[tuple[float, ...]] = []
         self._t = math.nan
@@ -206,7 +211,7 @@ class RotorBalance:
         tenth = c.inertia_error * inertial
         model = c.drag_error * h
         noise = (
-            c.current_noise * c.current_noise / (self._n + (0 if self._means else 1))
+            self.current_noise * self.current_noise / (self._n + (0 if self._means else 1))
             + self._ripple / (12.0 * dt * dt)
             + 2.0 * self.speed_variance * (k.c / dt) ** 2
             + tenth * tenth
@@ -221,10 +226,11 @@ class RotorBalance:
         gain = p * h / (p * h * h + noise)
         self.eta += gain * (m - h * self.eta)
         self.variance = p * (1.0 - gain * h)
-        p = self.slow_variance + c.slow * dt
-        gain = p * h / (p * h * h + noise)
-        self.slow += gain * (m - h * self.slow)
-        self.slow_variance = p * (1.0 - gain * h)
+        if last >= self.full:
+            p = self.slow_variance + c.slow * dt
+            gain = p * h / (p * h * h + noise)
+            self.slow += gain * (m - h * self.slow)
+            self.slow_variance = p * (1.0 - gain * h)
         healthy = m - self.baseline * h
         if judged:
             self._test(t, dt, m, healthy, h, noise, i - k.f * w, k.a * last)
