@@ -68,7 +68,6 @@ class Bench:
 
     seeds: list[int]
     duration: float
-    trouble: Trouble
     at: Array  # (B,) s
     rotor: NDArray[np.int64]  # (B,)
     speed: Array
@@ -137,10 +136,17 @@ def airframe(motor: Motor) -> Airframe:
 
 
 def fly(
-    seeds: list[int], duration: float = 60.0, trouble: Trouble | None = None, lag: float = 0.0
+    seeds: list[int],
+    duration: float = 60.0,
+    trouble: Trouble | list[Trouble] | None = None,
+    lag: float = 0.0,
+    at: float | None = None,
 ) -> Bench:
-    """Fly one flight a seed; a flight depends on its own seed alone."""
-    trouble = trouble or Trouble()
+    """Fly one flight a seed; a flight depends on its own seed and trouble alone.
+
+    `trouble` : of all or of each. `at` [s] : when, else drawn by the seed.
+    """
+    each = trouble if isinstance(trouble, list) else [trouble or Trouble()] * len(seeds)
     rngs = [np.random.default_rng((seed, 1)) for seed in seeds]
     count = len(seeds)
     spread = np.stack([rng.standard_normal((4, ROTORS)) for rng in rngs])  # (B, 4, n)
@@ -149,11 +155,19 @@ def fly(
     friction = FRICTION * np.clip(1.0 + 0.20 * spread[:, 2], 0.4, 1.6)
     resistance = RESISTANCE * (1.0 + 0.05 * spread[:, 3])
     governed = np.array([[seed % 2 == 0] for seed in seeds])
-    at = np.array([rng.uniform(0.35, 0.85) for rng in rngs]) * (duration - 7.0) + 3.0
+    drawn = np.array([rng.uniform(0.35, 0.85) for rng in rngs]) * (duration - 7.0) + 3.0
+    when = drawn if at is None else np.full(count, at)
     rotor = np.array([int(rng.integers(ROTORS)) for rng in rngs])
     struck = np.arange(ROTORS)[None, :] == rotor[:, None]
     opposite = np.arange(ROTORS)[None, :] == (rotor ^ 1)[:, None]
     wanted, wind = _demands(rngs, duration)
+    is_kind = {
+        kind: np.array([[one.kind == kind] for one in each])
+        for kind in ("ejected", "partial", "friction", "undriven")
+    }
+    size = np.array([[1.0 if math.isnan(one.size) else one.size] for one in each])
+    ramp = np.array([[one.ramp] for one in each])
+    first = float(when.min()) if any([one.kind != "none" for one in each]) else math.inf
     steps = int(duration / DT)
     shape = (steps, count, ROTORS)
     out_w, out_i, out_lag = (np.empty(shape, dtype=np.float32) for _ in range(3))
@@ -165,22 +179,22 @@ def fly(
     spin = steps - round(CUT / DT)
     for k in range(steps):
         t = k * DT
-        now = struck & (t >= at[:, None])
+        now = struck & (t >= when[:, None])
         if k % GRID == 0:
             eta, goal = wind[k // GRID], wanted[k // GRID]
             rub, moment = friction, inertia
-            if trouble.kind != "none":
-                grown = np.clip((t - at[:, None]) / max(trouble.ramp, DT), 0.0, 1.0)
-                since = np.clip((t - at[:, None]) / 0.2, 0.0, 1.0)
-                if trouble.kind == "ejected":
-                    eta, moment = np.where(now, 0.0, eta), np.where(now, BARE_INERTIA * inertia, inertia)
-                    ask = np.where(struck, 1.0 + 0.25 * since, np.where(opposite, 1.0 - 0.25 * since, 1.0))
-                    goal = goal * ask
-                elif trouble.kind == "partial":
-                    eta = np.where(now, eta * (1.0 - grown * (1.0 - trouble.size)), eta)
-                    goal = goal * np.where(struck, 1.0 + since * (trouble.size**-0.5 - 1.0), 1.0)
-                elif trouble.kind == "friction":
-                    rub = np.where(now, friction * (1.0 + grown * (trouble.size - 1.0)), friction)
+            if t >= first:
+                grown = np.clip((t - when[:, None]) / np.maximum(ramp, DT), 0.0, 1.0)
+                since = np.clip((t - when[:, None]) / 0.2, 0.0, 1.0)
+                gone = now & is_kind["ejected"]
+                eta = np.where(gone, 0.0, eta)
+                moment = np.where(gone, BARE_INERTIA * inertia, inertia)
+                ask = np.where(struck, 1.0 + 0.25 * since, np.where(opposite, 1.0 - 0.25 * since, 1.0))
+                goal = np.where(is_kind["ejected"], goal * ask, goal)
+                chipped = now & is_kind["partial"]
+                eta = np.where(chipped, eta * (1.0 - grown * (1.0 - size)), eta)
+                goal = np.where(chipped, goal * (1.0 + since * (size**-0.5 - 1.0)), goal)
+                rub = np.where(now & is_kind["friction"], friction * (1.0 + grown * (size - 1.0)), friction)
         error = goal - w
         integral = np.clip(integral + DT * 8.0 * gain * error, 0.0, MOST_CURRENT)
         by_speed = gain * error + integral
@@ -192,8 +206,8 @@ def fly(
         most = np.minimum((bus - TORQUE_CONSTANT * w) / resistance, MOST_CURRENT)
         i = np.maximum(np.minimum(i, most), -BRAKE)
         i = np.where(w > 1.0, i, np.maximum(i, 0.0))
-        if trouble.kind == "undriven":
-            i = np.where(now, 0.0, i)
+        if t >= first:
+            i = np.where(now & is_kind["undriven"], 0.0, i)
         rise = (TORQUE_CONSTANT * i - torque * eta * w * w - rub * w) / moment
         w = np.maximum(w + DT * rise, 0.0)
         lagged = lagged + (DT / lag if lag else 1.0) * (i - lagged)
@@ -203,7 +217,7 @@ def fly(
     aloft = slice(round((TAKE_OFF + 1.0) / (GRID * DT)), round((duration - LANDING) / (GRID * DT)))
     flown = torque * wind[aloft].mean(axis=0)  # the drag that there was, this flight's wind included
     truth = {"inertia": inertia, "torque": flown, "friction": friction, "resistance": resistance}
-    return Bench(seeds, duration, trouble, at, rotor, out_w, out_i, out_lag, out_u, truth)
+    return Bench(seeds, duration, when, rotor, out_w, out_i, out_lag, out_u, truth)
 
 
 def _demands(rngs: list[np.random.Generator], duration: float) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ class IdentificationConfig:
     inertia: float = 0.5  # prior spread of c
     usual_friction: float = 0.06  # of the drag's current at the flight's level, where nothing is known
     usual_inertia: float = 0.2  # s: J / (kappa_tau w) at the flight's level, likewise; this project
-    share: float = 0.2  # of an interval's information that counts: errors of neighbours are alike
+    share: float = 0.5  # of an interval's information that counts: errors of neighbours are alike
     fastest: float = 0.03  # s; longer intervals of snapshots bias the inertia, it keeps its prior
 
 
