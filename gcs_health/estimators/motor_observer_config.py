@@ -20,6 +20,8 @@ class RecommendedConfig:
     """The recommended mode; sheet 3 unless said otherwise."""
 
     learn: float = 6.0  # s of flight after which a rotor's healthy level is kept; this project
+    refine: float = 20.0  # s until which it is refined; this project
+    refine_within: float = 0.06  # of its neighbours' level, as long as the ratio is so near; this project
     learn_unknown: float = 5.0  # s of flight until an unknown drag is taken as learned; this project
     drag_known: float = 0.15  # relative standard deviation of an unknown drag below which it is taken
     rows: int = 60  # intervals between two looks at the constants

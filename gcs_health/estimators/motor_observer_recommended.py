@@ -284,11 +284,19 @@ class RecommendedObserver:
             return self.ratio.feed(t, [mean.value for mean in self._slow], True) or changed
         ratios = []
         for k, balance in enumerate(self.balances):
-            if balance.reference != balance.reference and balance.learned >= self.config.learn:
-                balance.reference = balance.baseline  # a mean over the time of learning
             gone = balance.lost or self.undriven.undriven[k] or balance.llr > self.config.balance.suspicion
+            self._learn_reference(balance, self.ratio.ratio[k])
             ratios.append(NAN if gone else balance.slow / balance.reference)
         return self.ratio.feed(t, ratios) or changed
+
+    def _learn_reference(self, balance: RotorBalance, rho: float) -> None:
+        """Keep a rotor's healthy level: a mean over the first seconds, refined for a while if nothing is odd."""
+        c = self.config
+        if balance.reference != balance.reference:
+            if balance.learned >= c.learn:
+                balance.reference = balance.baseline
+        elif balance.learned < c.refine and abs(rho - 1.0) < c.refine_within:
+            balance.reference += c.ratio.every / balance.learned * (balance.slow - balance.reference)
 
     @property
     def by_minutes(self) -> bool:

@@ -38,6 +38,7 @@ class BalanceConfig:
     drag_error: float = 0.12  # share of the drag: wind and what else is not modelled
     quick: float = 0.3  # 1/s, how fast eta may wander
     slow: float = 0.02  # 1/s, for slow damage
+    slow_inertial: float = 0.3  # share of the drag, above which an interval tells nothing slow; this project
     baseline_time: float = 8.0  # s
     baseline_range: tuple[float, float] = (0.7, 1.3)
     scale_time: float = 5.0  # s
@@ -226,7 +227,7 @@ class RotorBalance:
         gain = p * h / (p * h * h + noise)
         self.eta += gain * (m - h * self.eta)
         self.variance = p * (1.0 - gain * h)
-        if last >= self.full:
+        if last >= self.full and abs(inertial) < c.slow_inertial * h:
             p = self.slow_variance + c.slow * dt
             gain = p * h / (p * h * h + noise)
             self.slow += gain * (m - h * self.slow)
