@@ -243,7 +243,9 @@ def _demands(rngs: list[np.random.Generator], duration: float) -> tuple[Array, A
         speed = IDLE + aloft * (speed - IDLE)
         speed[(t < ARMED_AT) | (t >= duration - CUT)] = 0.0
         wanted.append(speed)
-        gusts = 1.0 + _wandering(rng, count, 1, 3.0, 0.03, step) + _wandering(rng, count, ROTORS, 1.0, 0.03, step)
+        gusts = (
+            1.0 + _wandering(rng, count, 1, 3.0, 0.03, step) + _wandering(rng, count, ROTORS, 1.0, 0.03, step)
+        )
         wind.append(1.0 + aloft * (gusts - 1.0))
     return np.stack(wanted, axis=1), np.stack(wind, axis=1)
 

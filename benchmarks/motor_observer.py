@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from motor_bench import INERTIA, ROTORS, TORQUE_CONSTANT, Bench, Telemetry, Trouble, airframe, fly
+from motor_bench import ROTORS, TORQUE_CONSTANT, Bench, Telemetry, Trouble, airframe, fly
 
 from gcs_health.airframe import Airframe, Motor
 from gcs_health.estimators.contract import Quantity, Reason
@@ -39,6 +39,7 @@ class Cell:
     mode: str = "recommended"
 
     def craft(self, bench: Bench, flight: int) -> Airframe:
+        """Return the vehicle of one flight."""
         return airframe(Motor()) if self.blank else bench.airframe(flight, self.inertia, **self.known)
 
 
@@ -74,7 +75,9 @@ def observer(craft: Airframe, mode: str = "recommended") -> MotorObserver:
     return MotorObserver(craft, MotorObserverConfig(mode=mode))  # type: ignore[arg-type]
 
 
-def alarms(bench: Bench, flight: int, cell: Cell, until: float = math.inf) -> Iterator[tuple[float, int, str, str]]:
+def alarms(
+    bench: Bench, flight: int, cell: Cell, until: float = math.inf
+) -> Iterator[tuple[float, int, str, str]]:
     """Yield (time, rotor, quantity, rule) of each decision that something failed."""
     watching = observer(cell.craft(bench, flight), cell.mode)
     standing: set[tuple[int, str, str]] = set()
@@ -94,7 +97,9 @@ def alarms(bench: Bench, flight: int, cell: Cell, until: float = math.inf) -> It
                 standing.discard(key)
 
 
-def batches(count: int, seed: int, trouble: Trouble, lag: float = 0.0, duration: float = 60.0) -> Iterator[Bench]:
+def batches(
+    count: int, seed: int, trouble: Trouble, lag: float = 0.0, duration: float = 60.0
+) -> Iterator[Bench]:
     """Fly so many flights in batches."""
     for first in range(seed, seed + count, BATCH):
         yield fly(list(range(first, min(first + BATCH, seed + count))), duration, trouble, lag)
@@ -117,7 +122,8 @@ def delays(args: argparse.Namespace) -> None:
             for flight in range(len(bench.seeds)):
                 at = float(bench.at[flight])
                 first = next(
-                    (a for a in alarms(bench, flight, cell, at + WITHIN) if a[2] == Quantity.EFFECTIVENESS), None
+                    (a for a in alarms(bench, flight, cell, at + WITHIN) if a[2] == Quantity.EFFECTIVENESS),
+                    None,
                 )
                 if first is not None and first[0] >= at and first[1] == bench.rotor[flight]:
                     waits.append(1e3 * (first[0] - at))

@@ -15,6 +15,7 @@ Source: sheet 3, what is wrong, item 1, and step 1; sheet 5 section 6.
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -41,8 +42,13 @@ class SideConfig:
     decide_every: int = 16  # readings; this project
     look_at: int = 3000  # steady readings in which a side given by the vehicle file is checked; this project
     braking: float = 0.7  # of the level a second; a rotor that falls so fast may be braked; this project
-    braking_current: float = 0.3  # of the usual, below which its battery-side current may be negative; this project
-    battery_sum: tuple[float, float] = (0.75, 1.15)  # sum of ESCs over battery that fits battery-side currents
+    braking_current: float = (
+        0.3  # of the usual, below which its battery-side current may be negative; this project
+    )
+    battery_sum: tuple[float, float] = (
+        0.75,
+        1.15,
+    )  # sum of ESCs over battery that fits battery-side currents
     motor_sum: tuple[float, float] = (1.15, 3.0)  # ... motor-side currents, the duty being below one
 
 
@@ -77,7 +83,7 @@ class CurrentSide:
         if row[0] > self.config.memory:
             row[:] = [0.5 * value for value in row]
 
-    def decide(self) -> str | None:
+    def decide(self) -> Literal["motor", "battery"] | None:
         """Return "motor", "battery", or None while it cannot be told."""
         c = self.config
         self._fit()
@@ -90,7 +96,9 @@ class CurrentSide:
         c = self.config
         self.exponent = self.error = math.nan
         rows = []
-        largest = max([row[2] / row[0] for row in self._bins.values() if row[0] >= c.least_in_bin], default=0.0)
+        largest = max(
+            [row[2] / row[0] for row in self._bins.values() if row[0] >= c.least_in_bin], default=0.0
+        )
         offset = c.offset[0] + c.offset[1] * max(largest, 0.0)
         for count, w, i, square in self._bins.values():
             if count < c.least_in_bin:

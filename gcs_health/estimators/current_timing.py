@@ -9,12 +9,12 @@ Source: sheet 3, recommended mode, step 2; that a mean over the interval is told
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.floating[Any]]
+Array = NDArray[np.float64]
 
 
 class Timing(NamedTuple):

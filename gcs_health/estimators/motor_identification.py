@@ -15,6 +15,7 @@ Source: Melczer (2019), appendix C; sheet 3, recommended mode, steps 7 and 8.
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -152,12 +153,12 @@ def staircase(
     """
     t, w, i = bare
     steady = np.zeros(len(t), dtype=bool)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         steady |= (t >= low + settle) & (t < high)
     friction = float(w[steady] @ (torque_constant * i[steady]) / (w[steady] @ w[steady]))
     t, w, i = loaded
     speeds, torques = [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         step = (t >= low + settle) & (t < high)
         rest = torque_constant * i[step] - friction * w[step]
         squares = w[step] ** 2

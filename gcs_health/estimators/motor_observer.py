@@ -99,22 +99,14 @@ class MotorObserver:
         """Take one reading; return estimates of all rotors where a decision changed with it."""
         kind = type(reading)
         if kind is ImuReading:  # by far the most frequent, and of use to the coupled form alone
-            if reading.t < self._imu_t:
-                self.late += 1
-                return []
-            self._imu_t = reading.t
-            if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
-                self.core.imu(reading)  # type: ignore[arg-type]
+            self._take_rates(reading)  # type: ignore[arg-type]
             return []
         if not self._in_order(reading.t):
             return []
         if isinstance(reading, RotorReading):
-            for k, speed in enumerate(reading.speed[: len(self._speed_t)]):
-                if 0.0 <= speed < math.inf:
-                    self._speed_t[k] = reading.t
-            if self.core.rotors(reading):
-                return self.estimates(reading.t)
-        elif isinstance(reading, FlightReading):
+            changed = self._take_rotors(reading)
+            return self.estimates(reading.t) if changed else []
+        if isinstance(reading, FlightReading):
             self.core.flight(reading)
         elif isinstance(self.core, RecommendedObserver):
             if isinstance(reading, BatteryReading):
@@ -122,6 +114,20 @@ class MotorObserver:
             elif isinstance(reading, CommandReading):
                 self.core.commands(reading)
         return []
+
+    def _take_rates(self, reading: ImuReading) -> None:
+        if reading.t < self._imu_t:
+            self.late += 1
+            return
+        self._imu_t = reading.t
+        if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
+            self.core.imu(reading)
+
+    def _take_rotors(self, reading: RotorReading) -> bool:
+        for k, speed in enumerate(reading.speed[: len(self._speed_t)]):
+            if 0.0 <= speed < math.inf:
+                self._speed_t[k] = reading.t
+        return self.core.rotors(reading)
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return effectiveness of every rotor, then drag of every rotor, at vehicle time `t` [s]."""

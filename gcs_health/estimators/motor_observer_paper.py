@@ -57,17 +57,10 @@ class PaperObserver:
     def rotors(self, reading: RotorReading) -> bool:
         """Take speeds and currents; return whether a rotor was lost or found again."""
         t = reading.t
-        for k, w in enumerate(reading.speed[: len(self._seen)]):
-            if 0.0 <= w < FASTEST:
-                self._seen[k] = w
+        news = self._take(reading)
         mean = mean_of_known(self._seen)
         if mean == mean and self.level.speeds(t, mean):
             self._begin_anew()
-        news = []
-        for k, (w, i, u) in enumerate(zip(reading.speed, reading.current, reading.voltage, strict=False)):
-            usable = k < len(self.inputs) and 0.0 <= w < FASTEST and abs(i) < MOST_CURRENT
-            if usable and self.inputs[k].take(t, w, i, u) > 0.0:
-                news.append(k)
         if self.model is None or not self.level.value > 0.0 or not news:
             return False
         gains = self._tuned()
@@ -81,6 +74,16 @@ class PaperObserver:
             elif observer.sample(t, given.speed, given.current, gains) and not abs(observer.eta) < 1e3:
                 self.rotor_observers[k] = RotorObserver(self.model, self.config)  # ran away
         return self._decide([observer.eta for observer in self.rotor_observers], t)
+
+    def _take(self, reading: RotorReading) -> list[int]:
+        """Take speeds and currents; return the rotors that gave both."""
+        news = []
+        for k, (w, i, u) in enumerate(zip(reading.speed, reading.current, reading.voltage, strict=False)):
+            if k < len(self._seen) and 0.0 <= w < FASTEST:
+                self._seen[k] = w
+                if abs(i) < MOST_CURRENT and self.inputs[k].take(reading.t, w, i, u) > 0.0:
+                    news.append(k)
+        return news
 
     def _all(self, t: float, gains: Gains, slowest: float) -> bool:
         assert self.coupled is not None

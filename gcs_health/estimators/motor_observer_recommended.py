@@ -11,7 +11,7 @@ import math
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.current_side import CurrentSide, battery_witness, motor_current
-from gcs_health.estimators.current_timing import CurrentTiming, Lag, Timing
+from gcs_health.estimators.current_timing import SNAPSHOT, CurrentTiming, Lag, Timing
 from gcs_health.estimators.drag_ratio import DragRatio, SlowMean
 from gcs_health.estimators.motor_identification import FlightIdentification, Identified
 from gcs_health.estimators.motor_observer_config import RecommendedConfig
@@ -53,6 +53,7 @@ class RecommendedObserver:
         self.measured_on = airframe.motor.current_side
         self.witness = ""  # what the battery's own sensor says of the side
         self._slow = [SlowMean(config.ratio.slow_time) for _ in range(n)]
+        self._lag = 0.0  # s
         self._lags: list[tuple[Lag, Lag] | None] = [None] * n  # of speed and its square
         self._last = [(-math.inf, 0.0)] * n  # time and speed before, where braking matters
         self._look = [-math.inf] * n  # when a steady moment is looked for next
@@ -118,32 +119,23 @@ class RecommendedObserver:
             self._note_steady(k, given)
         if self.measured_on == "battery":
             i = self._converted(k, given)
-            if i != i:
-                if judged:
-                    self._note_slow(k, dt, w, given)
-                return False
-            if self._brakes(k, given):
-                self.balances[k].skip()
-                return False
         fast = not given.interval > self.config.slowest
-        if judged and not fast:
+        if judged and (not fast or i != i):
             self._note_slow(k, dt, w, given)
         balance = self.balances[k]
+        if i != i:
+            balance.skip()
+            return False
         if w < slowest or not slowest > 0.0 or self.undriven.undriven[k]:
             balance.skip()
             self._lags[k] = None
             return False
         if self.timing.decided is None and judged and self.timing.note(k, t, w, i):
-            self._set_timing(self.timing.decided)
+            self._set_timing(self.timing.decided or SNAPSHOT)
             self._grain()
         squares = w * w
-        decided = self.timing.decided
-        if decided is not None and decided.lag:
-            lags = self._lags[k]
-            if lags is None or dt > self.config.balance.gap:
-                self._lags[k] = Lag(decided.lag, w), Lag(decided.lag, squares)
-            else:
-                w, squares = lags[0].step(dt, w), lags[1].step(dt, squares)
+        if self._lag:
+            w, squares = self._lagged(k, dt, w, squares)
         was = balance.lost
         testable = judged and fast and self.measured_on is not None
         if balance.sample(t, w, squares, i, testable) and len(balance.rows) >= self.config.rows:
@@ -178,8 +170,18 @@ class RecommendedObserver:
         elif self.airframe.motor.current_side is not None:
             self.contradicted = found != self.measured_on
 
+    def _lagged(self, k: int, dt: float, w: float, squares: float) -> tuple[float, float]:
+        """Put speed and its square behind the lag of the current."""
+        lags = self._lags[k]
+        if lags is None or dt > self.config.balance.gap:
+            self._lags[k] = Lag(self._lag, w), Lag(self._lag, squares)
+            return w, squares
+        return lags[0].step(dt, w), lags[1].step(dt, squares)
+
     def _converted(self, k: int, given: RotorInput) -> float:
         """Return the motor's current of a battery-side one; NaN where it cannot be told."""
+        if self._brakes(k, given):
+            return NAN
         motor = self.airframe.motor
         volts = given.volts if given.volts > 0.5 else self._battery_volts
         if motor.torque_constant is None or motor.resistance is None or not volts > 0.5:
@@ -216,6 +218,7 @@ class RecommendedObserver:
 
     def _set_timing(self, timing: Timing) -> None:
         self.timing.decided = timing
+        self._lag = timing.lag
         self._lags = [None] * len(self._lags)
         for balance in self.balances:
             balance.set_timing(timing.mean)

@@ -58,3 +58,53 @@ def certifies(problem: ObserverProblem, P: Array, K: Array) -> bool:
     symmetric = 0.5 * (P + P.T)
     M = lyapunov(problem, symmetric, K)
     return bool(np.linalg.eigvalsh(symmetric)[0] > 0.0 and np.linalg.eigvalsh(0.5 * (M + M.T))[-1] < 0.0)
+
+
+CERTIFIED: tuple[CertifiedGain, ...] = (
+    CertifiedGain(
+        ObserverProblem("one rotor of Melczer (2019)", (-0.237692,), 8.00883),
+        (0.77538,),
+        (8.54839,),
+        7.77126,
+    ),
+    CertifiedGain(
+        ObserverProblem(
+            "hexacopter of Melczer (2019), coupled",
+            (
+                -0.237692,
+                -0.237692,
+                -0.237692,
+                -0.237692,
+                -0.237692,
+                -0.237692,
+                -0.1,
+                -0.1,
+                -0.1,
+            ),
+            31.6175,
+        ),
+        (
+            0.759209,
+            0.834363,
+            0.834363,
+            0.834363,
+            0.834363,
+            0.834363,
+            0.8476,
+            0.8476,
+            0.77509,
+        ),
+        (
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+            34.671,
+        ),
+        31.5191,
+    ),
+)

@@ -75,7 +75,9 @@ def main() -> None:
     """Print the table."""
     for problem in (decentralised(), coupled()):
         found = synthesise(problem)
-        numbers = [f"({', '.join(f'{value:.6g}' for value in row)},)" for row in (problem.poles, found.P, found.K)]
+        numbers = [
+            f"({', '.join(f'{value:.6g}' for value in row)},)" for row in (problem.poles, found.P, found.K)
+        ]
         sys.stdout.write(
             "    CertifiedGain(\n"
             f'        ObserverProblem("{problem.name}", {numbers[0]}, {problem.alpha:.6g}),\n'

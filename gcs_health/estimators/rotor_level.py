@@ -4,6 +4,7 @@ An idle on the ground looks like a slow flight until the rotors speed up to fly.
 forgotten when the level rises by a third: that was the take-off. This project.
 """
 
+import math
 from dataclasses import dataclass
 
 from gcs_health.samples import FlightReading
@@ -94,4 +95,4 @@ class RotorLevel:
 def mean_of_known(values: list[float]) -> float:
     """Return the mean of what is not NaN; NaN if all is."""
     known = [value for value in values if value == value]
-    return sum(known) / len(known) if known else NAN
+    return sum(known) / len(known) if known else math.nan

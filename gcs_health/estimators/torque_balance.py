@@ -22,6 +22,7 @@ Source: Melczer (2019), eqs. (5), (8); sheet 3, recommended mode, steps 3 to 6.
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 STUDENT = 5.0  # degrees of freedom of the residuals' tails; the exponent (5 + 1)/2 is 3
 
@@ -61,7 +62,7 @@ class BalanceConfig:
         rows = self.thresholds
         if not interval > rows[0][0]:
             return rows[0][1]
-        for (low, first), (high, second) in zip(rows, rows[1:], strict=False):
+        for (low, first), (high, second) in pairwise(rows):
             if interval <= high:
                 return first + (second - first) * (interval - low) / (high - low)
         return rows[-1][1]
@@ -135,7 +136,9 @@ class RotorBalance:
         self.full = 0.0
         self._means = False  # whether a current is the mean since the last one
         self.rows: list[tuple[float, ...]] = []
-        self._t = math.nan
+        self._t = self._since = math.nan
+        self._w0 = self._squares0 = self._i = self._area = self._ripple = 0.0
+        self._n = 0
         self.restart()
 
     def restart(self) -> None:

@@ -9,14 +9,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from motor_bench import TORQUE_CONSTANT, Bench, Telemetry, Trouble, airframe, fly  # noqa: E402
+from motor_bench import TORQUE_CONSTANT, Bench, Telemetry, Trouble, airframe, fly
 
-from gcs_health.airframe import Airframe, Motor  # noqa: E402
-from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status  # noqa: E402
-from gcs_health.estimators.current_timing import Timing  # noqa: E402
-from gcs_health.estimators.motor_observer import MotorObserver, MotorObserverConfig  # noqa: E402
-from gcs_health.estimators.motor_observer_recommended import RecommendedObserver  # noqa: E402
-from gcs_health.samples import CommandReading, RotorReading  # noqa: E402
+from gcs_health.airframe import Airframe, Motor
+from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
+from gcs_health.estimators.current_timing import Timing
+from gcs_health.estimators.motor_observer import MotorObserver, MotorObserverConfig
+from gcs_health.estimators.motor_observer_recommended import RecommendedObserver
+from gcs_health.samples import CommandReading, RotorReading
 
 AT50 = Telemetry(50.0)
 DURATION, AT = 21.0, 17.0
@@ -55,7 +55,14 @@ def bench(kind: str = "none", lag: float = 0.0) -> Two:
     return Two(kind, lag)
 
 
-def watch(made: Two, flight: int, telemetry: Telemetry = AT50, until: float = DURATION, blank: bool = False, **known: object):  # type: ignore[no-untyped-def]
+def watch(
+    made: Two,
+    flight: int,
+    telemetry: Telemetry = AT50,
+    until: float = DURATION,
+    blank: bool = False,
+    **known: object,
+):  # type: ignore[no-untyped-def]
     """Return the observer after one flight and all that it said on its own."""
     craft = airframe(Motor()) if blank else made.airframe(flight, **known)
     observer = MotorObserver(craft)
