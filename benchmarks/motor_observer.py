@@ -5,7 +5,7 @@
     python benchmarks/motor_observer.py --flights 60 --seed 70000 identify     current side, constants
     python benchmarks/motor_observer.py --flights 8 cost                       time a reading takes
 
-Four rotors (`motor_bench.py`), flights of 60 s with take-off and landing. Delay is from the loss to the time of
+Four rotors (`motor_bench.py`), flights with take-off and landing. Delay is from the loss to the time of
 the sample that named it; the link's latency comes on top. "Found" is a right rotor within 2 s and nothing before.
 Seeds below 20000 tuned the rules; seeds from 50000 report.
 """
@@ -110,41 +110,62 @@ def share(found: int, of: int) -> str:
     return f"{found}/{of}" + (f" (<= {100.0 * (1.0 - 0.05 ** (1.0 / of)):.1f} %)" if not found and of else "")
 
 
+@dataclass
+class Tally:
+    """What came of one row."""
+
+    waits: list[float] = field(default_factory=list)  # ms
+    bad: int = 0
+    flown: int = 0
+    false: int = 0
+    healthy: int = 0
+
+
 def delays(args: argparse.Namespace) -> None:
     """Print delays and false alarms of lost propellers."""
+    cells = [CELLS[name] for name in args.cells or CELLS]
+    rows = {cell.name: Tally() for cell in cells}
+    for lag in sorted({cell.telemetry.lag for cell in cells}):
+        group = [cell for cell in cells if cell.telemetry.lag == lag]
+        for kind, seed in (("ejected", args.seed), ("none", args.seed + 5000)):
+            done = 0
+            for bench in batches(args.flights, seed, Trouble(kind), lag, args.duration):
+                for cell in group:
+                    most = args.flights // 4 if cell.telemetry.rate > 100.0 else args.flights
+                    for flight in range(max(0, min(len(bench.seeds), most - done))):
+                        tally(rows[cell.name], bench, flight, cell, kind, args.verbose)
+                done += len(bench.seeds)
     print("| case | found | median ms | 95 % CI | 97.5 % ms | early or wrong | healthy: false alarms |")
     print("|---|---|---|---|---|---|---|")
-    for name in args.cells or CELLS:
-        cell = CELLS[name]
-        count = args.flights // 4 if cell.telemetry.rate > 100.0 else args.flights
-        waits, bad, false, flown = [], 0, 0, 0
-        for bench in batches(count, args.seed, Trouble("ejected"), cell.telemetry.lag):
-            for flight in range(len(bench.seeds)):
-                at = float(bench.at[flight])
-                first = next(
-                    (a for a in alarms(bench, flight, cell, at + WITHIN) if a[2] == Quantity.EFFECTIVENESS),
-                    None,
-                )
-                if first is not None and first[0] >= at and first[1] == bench.rotor[flight]:
-                    waits.append(1e3 * (first[0] - at))
-                elif first is not None:
-                    bad += 1
-        for bench in batches(count, args.seed + 5000, Trouble(), cell.telemetry.lag):
-            for flight in range(len(bench.seeds)):
-                flown += 1
-                hit = next((a for a in alarms(bench, flight, cell) if a[2] == Quantity.EFFECTIVENESS), None)
-                false += hit is not None
-                if hit is not None and args.verbose:
-                    print("   false:", bench.seeds[flight], hit)
+    for name, row in rows.items():
         rng = np.random.default_rng(0)
-        values = np.array(waits or [math.nan])
+        values = np.array(row.waits or [math.nan])
         medians = np.median(rng.choice(values, (1000, len(values))), axis=1)
         low, high = np.percentile(medians, [2.5, 97.5])
         print(
-            f"| {name} | {len(waits)}/{count} | {np.median(values):.0f} | {low:.0f}-{high:.0f} "
-            f"| {np.percentile(values, 97.5):.0f} | {bad} | {share(false, flown)} |",
-            flush=True,
+            f"| {name} | {len(row.waits)}/{row.flown} | {np.median(values):.0f} | {low:.0f}-{high:.0f} "
+            f"| {np.percentile(values, 97.5):.0f} | {row.bad} | {share(row.false, row.healthy)} |"
         )
+
+
+def tally(row: Tally, bench: Bench, flight: int, cell: Cell, kind: str, verbose: bool) -> None:
+    """Watch one flight and count what was said of lost propellers."""
+    at = float(bench.at[flight]) if kind == "ejected" else math.inf
+    named = (a for a in alarms(bench, flight, cell, at + WITHIN) if a[2] == Quantity.EFFECTIVENESS)
+    first = next(named, None)
+    row.flown += kind == "ejected"
+    row.healthy += kind == "none"
+    if first is None:
+        return
+    if kind == "none":
+        row.false += 1
+    elif first[0] >= at and first[1] == bench.rotor[flight]:
+        row.waits.append(1e3 * (first[0] - at))
+        return
+    else:
+        row.bad += 1
+    if verbose:
+        print("   ", cell.name, kind, bench.seeds[flight], first, flush=True)
 
 
 def slow(args: argparse.Namespace) -> None:
@@ -161,7 +182,7 @@ def slow(args: argparse.Namespace) -> None:
     cell = CELLS["50 Hz"]
     for name, trouble, rule in cases:
         waits, bad, lost = [], 0, 0
-        for bench in batches(args.flights, args.seed, trouble):
+        for bench in batches(args.flights, args.seed, trouble, duration=args.duration):
             for flight in range(len(bench.seeds)):
                 at = float(bench.at[flight]) if rule else math.inf
                 hit = False
@@ -199,7 +220,7 @@ def identify(args: argparse.Namespace) -> None:
     )
     for cell in cells:
         right, wrong, ratios = 0, 0, []
-        for bench in batches(args.flights, args.seed, Trouble()):
+        for bench in batches(args.flights, args.seed, Trouble(), duration=args.duration):
             for flight in range(len(bench.seeds)):
                 watching = observer(cell.craft(bench, flight))
                 for reading in bench.readings(flight, cell.telemetry):
@@ -247,6 +268,7 @@ def main() -> None:
     parser.add_argument("campaign", choices=("delays", "slow", "identify", "cost"))
     parser.add_argument("--flights", type=int, default=50, help="a row; a quarter at 500 Hz")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--duration", type=float, default=60.0, help="of a flight [s]")
     parser.add_argument("--cells", nargs="*", help="rows of the table of delays")
     parser.add_argument("--verbose", action="store_true", help="name every false alarm")
     args = parser.parse_args()

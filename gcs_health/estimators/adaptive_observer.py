@@ -154,10 +154,15 @@ class CoupledObserver:
         self.moments = moments(airframe)
         ix, iy, iz = airframe.inertia or (1.0, 1.0, 1.0)
         self._gyroscopic = np.array([(iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz])
-        self.eta = np.ones(n)
-        self._mean = np.ones(n)
-        self.variance = np.full(n, 0.04)
         self.rates = np.full(3, math.nan)
+        self._n = n
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with healthy rotors."""
+        self.eta = np.ones(self._n)
+        self._mean = np.ones(self._n)
+        self.variance = np.full(self._n, 0.04)
         self.skip()
 
     def skip(self) -> None:

@@ -35,6 +35,7 @@ class IdentificationConfig:
     known_drag: float = 0.10  # prior spread of a, where the vehicle file gives one; this project
     known_friction: float = 0.20  # likewise f
     inertia: float = 0.5  # prior spread of c
+    inertia_range: tuple[float, float] = (0.4, 2.5)  # of the prior, kept within; this project
     usual_friction: float = 0.06  # of the drag's current at the flight's level, where nothing is known
     usual_inertia: float = 0.2  # s: J / (kappa_tau w) at the flight's level, likewise; this project
     share: float = 0.5  # of an interval's information that counts: errors of neighbours are alike
@@ -84,7 +85,9 @@ class FlightIdentification:
         keep = math.exp(-span / self.config.memory)
         xx = x.T @ (weight[:, None] * x)
         if inertia:
-            xx[2, 2] -= float((weight * 2.0 * speed_variance / (dt * UNIT) ** 2).sum())
+            noise_power = float((weight * 2.0 * speed_variance / (dt * UNIT) ** 2).sum())
+            # where nothing accelerates all is noise: never take off more than half, or c runs away
+            xx[2, 2] -= min(noise_power, 0.5 * float(xx[2, 2]))
         self._xx = keep * self._xx + xx
         self._xy = keep * self._xy + x.T @ (weight * y)
         self.time += span
@@ -114,6 +117,9 @@ class FlightIdentification:
         theta = np.linalg.solve(xx, xy)
         # least current that a constant may stand for: no negative friction or inertia
         theta = np.maximum(theta, [0.3 * crude, 0.0, 0.0])
+        if given[2] > 0.0:
+            low, high = c.inertia_range
+            theta[2] = min(max(theta[2], low * given[2]), high * given[2])
         covariance = np.linalg.inv(xx)
         std = np.sqrt(np.diag(covariance))
         data = self._xx

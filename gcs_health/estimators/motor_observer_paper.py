@@ -15,6 +15,7 @@ from gcs_health.estimators.rotor_level import LevelConfig, RotorLevel, mean_of_k
 from gcs_health.samples import FlightReading, ImuReading, RotorReading
 
 NAN = math.nan
+RAN_AWAY = 50.0  # eta^ beyond which an observer is started anew
 
 
 class PaperObserver:
@@ -63,7 +64,7 @@ class PaperObserver:
             self._begin_anew()
         if self.model is None or not self.level.value > 0.0 or not news:
             return False
-        gains = self._tuned()
+        gains = self._tuned(max(self.level.value, mean))
         slowest = self.level.config.turning * self.level.value
         if self.coupled is not None:
             return self._all(t, gains, slowest)
@@ -71,7 +72,7 @@ class PaperObserver:
             observer, given = self.rotor_observers[k], self.inputs[k]
             if given.speed < slowest:
                 observer.skip()
-            elif observer.sample(t, given.speed, given.current, gains) and not abs(observer.eta) < 1e3:
+            elif observer.sample(t, given.speed, given.current, gains) and not abs(observer.eta) < RAN_AWAY:
                 self.rotor_observers[k] = RotorObserver(self.model, self.config)  # ran away
         return self._decide([observer.eta for observer in self.rotor_observers], t)
 
@@ -94,6 +95,8 @@ class PaperObserver:
             return False
         speeds = [given.speed for given in self.inputs]
         self.coupled.sample(t, speeds, [given.current for given in self.inputs], gains)
+        if not max(map(abs, self.coupled.eta.tolist())) < RAN_AWAY:
+            self.coupled.restart()
         return self._decide(self.coupled.eta.tolist(), t)
 
     def _decide(self, etas: list[float], t: float) -> bool:
@@ -103,10 +106,13 @@ class PaperObserver:
             self.lost = lost
         return changed
 
-    def _tuned(self) -> Gains:
-        """Return the gains at the flight's level; it must move by a tenth until they follow."""
+    def _tuned(self, level: float) -> Gains:
+        """Return the gains at a speed [rad/s]; it must move by a tenth until they follow.
+
+        At a take-off the speed of the moment leads the level: the loop's bandwidth goes with w², and Gamma of an
+        idle would let it ring without end.
+        """
         assert self.model is not None
-        level = self.level.value
         if self._gains is None or not 0.9 * self._gains_at < level < 1.1 * self._gains_at:
             rotors = len(self.inputs) if self.coupled is not None else 1
             self._gains = Gains(self.model, self.config, level, rotors)

@@ -281,6 +281,9 @@ class RecommendedObserver:
         """Hold the rotors against one another; return whether a verdict changed."""
         level = self.level.value
         changed = judged and self.undriven.feed(t, self._seen, self._currents, level, self._commands)
+        for k, balance in enumerate(self.balances if changed else ()):
+            if balance.lost:  # switched off since: its own verdict stands
+                self.undriven.undriven[k] = False
         if not judged or not self.ratio.due(t):
             return changed
         if self.by_minutes:
