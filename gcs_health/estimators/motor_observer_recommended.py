@@ -290,7 +290,7 @@ class RecommendedObserver:
             return self.ratio.feed(t, [mean.value for mean in self._slow], True) or changed
         ratios = []
         for k, balance in enumerate(self.balances):
-            gone = balance.lost or self.undriven.undriven[k] or balance.llr > self.config.balance.suspicion
+            gone = balance.lost or self.undriven.undriven[k]
             self._learn_reference(balance, self.ratio.ratio[k])
             ratios.append(NAN if gone else balance.slow / balance.reference)
         return self.ratio.feed(t, ratios) or changed
