@@ -20,6 +20,7 @@ class LevelConfig:
     lift_off: float = 1.7  # mean speed over the level that makes it a take-off whatever is said of the ground
     idle: float = 1.0  # s, the shortest stay at a level that counts as an idle before it
     turning: float = 0.4  # of the level; a rotor below tells nothing of its propeller (sheet 3, step 3)
+    accept: float = 4.0  # s in which a level that rose by less is taken as it is
     settle: float = 0.5  # s after a beginning until a verdict
     least: float = 20.0  # rad/s; below, nothing turns
     stopped_for: float = 2.0  # s of still rotors that end a flight
@@ -76,6 +77,8 @@ class RotorLevel:
         value = self.value * (1.0 - dt / c.fade)
         self.value = value if value > self._mean else self._mean
         if self.value <= c.take_off * self._anchor:
+            if self.value > self._anchor:  # what is left of a take-off's rise is no second one
+                self._anchor += dt / c.accept * (self.value - self._anchor)
             return False
         self.took_off |= t - self.began > c.idle and mean > c.lift_off * self._anchor > 0.0
         self._anchor = self.value
