@@ -26,6 +26,8 @@ class RotorInput:
 
     def take(self, t: float, w: float, i: float, u: float) -> float:
         """Take a reading; return the time since the last one [s], infinite at first; <= 0: not taken."""
+        if i == 0.0 and not self.currents:  # exactly 0 from the start: an ESC that gives volts but no amperes
+            return 0.0
         dt = t - self.t
         if not dt > 0.0:
             if dt < -1.0:  # another axis of time and not a late sample
