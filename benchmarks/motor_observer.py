@@ -242,22 +242,38 @@ def identify(args: argparse.Namespace) -> None:
 
 
 def cost(args: argparse.Namespace) -> None:
-    """Print the processor time of a reading of four rotors."""
-    print("| mode | rate Hz | µs a reading |")
-    print("|---|---|---|")
+    """Print the processor time of a reading of four rotors, and against a thousand float additions beside it."""
+    print("| mode | rate Hz | µs a reading | of the time of 1000 additions |")
+    print("|---|---|---|---|")
     bench = fly(list(range(args.seed, args.seed + args.flights)), 30.0)
     for mode in ("recommended", "paper"):
         for rate in (500.0, 50.0, 10.0):
-            spent, count = 0.0, 0
+            spent, count, additions = 0.0, 0, 0.0
             for flight in range(args.flights):
                 watching = observer(bench.airframe(flight), mode)
                 readings = list(bench.readings(flight, Telemetry(rate)))
+                additions += thousand_additions()
                 start = time.process_time()
                 for reading in readings:
                     watching.feed(reading)
                 spent += time.process_time() - start
                 count += len(readings)
-            print(f"| {mode} | {rate:.0f} | {1e6 * spent / count:.1f} |", flush=True)
+                additions += thousand_additions()
+            each = spent / count
+            print(
+                f"| {mode} | {rate:.0f} | {1e6 * each:.1f} | {each / (additions / (2 * args.flights)):.2f} |",
+                flush=True,
+            )
+
+
+def thousand_additions() -> float:
+    """Return the processor time of a loop over 1000 float additions [s]."""
+    start = time.process_time()
+    for _ in range(200):
+        total = 0.0
+        for k in range(1000):
+            total += k * 0.5
+    return (time.process_time() - start) / 200
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """What is left of each propeller, from rotor speed and motor current alone.
 
-Melczer, "Fault detection and diagnosis of multirotor actuators" (MSc thesis, 2019), whose adaptive observer
-makes of speed and current the effectiveness of each rotor; for 3 to 12 rotors, in two modes:
+Melczer, "Actuator Fault Detection and Diagnosis for Multirotor Unmanned Aerial Vehicles" (MSc thesis, TU Delft,
+2019), whose adaptive observer makes of speed and current the effectiveness of each rotor; for 3 to 12 rotors,
+in two modes:
 
 ``paper``         the thesis's observer and rule (`adaptive_observer.py`, `motor_observer_paper.py`)
 ``recommended``   the balance of torques over intervals, with a sequential test (`motor_observer_recommended.py`)
