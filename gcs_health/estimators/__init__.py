@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 REGISTRY: dict[str, tuple[str, str]] = {
     "effectiveness": ("gcs_health.estimators.effectiveness", "EffectivenessEstimator"),
     "unbalance": ("gcs_health.estimators.unbalance", "UnbalanceEstimator"),
+    "motor_observer": ("gcs_health.estimators.motor_observer", "MotorObserver"),
 }
 
 

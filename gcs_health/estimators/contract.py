@@ -51,6 +51,12 @@ class Reason(StrEnum):
     ANOTHER_ROTOR_FAILED = "another_rotor_failed"
     LITTLE_EXCITATION = "little_excitation"
     NO_CURRENTS = "no_currents"
+    CURRENT_STALE = "current_stale"
+    CURRENT_SIDE_UNKNOWN = "current_side_unknown"
+    CURRENT_OF_BATTERY = "current_of_battery"
+    CURRENT_SIDE_CONTRADICTED = "current_side_contradicted"
+    MOTOR_CONSTANTS_UNKNOWN = "motor_constants_unknown"
+    MOTOR_NOT_DRIVEN = "motor_not_driven"
     NO_MODEL = "no_model"
     NO_HEALTHY_REFERENCE = "no_healthy_reference"
     LOAD_SHIFTED = "load_shifted"
@@ -79,6 +85,13 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.ANOTHER_ROTOR_FAILED: "another rotor has failed",
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
     Reason.NO_CURRENTS: "no motor currents in the stream",
+    Reason.CURRENT_STALE: "the last motor current is too old",
+    Reason.CURRENT_SIDE_UNKNOWN: "whether the currents are the motors' or the battery's cannot be told yet",
+    Reason.CURRENT_OF_BATTERY: "the currents are the battery's: without torque constant, resistance and "
+    "voltage the motors' cannot be told",
+    Reason.CURRENT_SIDE_CONTRADICTED: "the currents are not on the side that the vehicle file says",
+    Reason.MOTOR_CONSTANTS_UNKNOWN: "the motor's constants are not known",
+    Reason.MOTOR_NOT_DRIVEN: "the motor is not driven: no current, and it runs down",
     Reason.NO_MODEL: "no model was trained for this vehicle",
     Reason.NO_HEALTHY_REFERENCE: "no commands of a healthy hover are known to compare with",
     Reason.LOAD_SHIFTED: "the hover commands changed as a shifted load changes them, not a damaged propeller",
