@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 REGISTRY: dict[str, tuple[str, str]] = {
     "effectiveness": ("gcs_health.estimators.effectiveness", "EffectivenessEstimator"),
+    "pooled_ar": ("gcs_health.estimators.pooled_ar", "PooledArEstimator"),
 }
 
 

@@ -51,6 +51,15 @@ class Reason(StrEnum):
     LITTLE_EXCITATION = "little_excitation"
     NO_CURRENTS = "no_currents"
     NO_MODEL = "no_model"
+    MODEL_RATE = "model_rate"
+    MODEL_FILTER = "model_filter"
+    MODEL_SIGNAL = "model_signal"
+    UNMODELLED = "unmodelled"
+    UNSTEADY = "unsteady"
+    FILLING = "filling"
+    NO_COMMANDS = "no_commands"
+    SHARE_UNKNOWN = "share_unknown"
+    OPPOSITE_ALIKE = "opposite_alike"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -73,6 +82,15 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
     Reason.NO_CURRENTS: "no motor currents in the stream",
     Reason.NO_MODEL: "no model was trained for this vehicle",
+    Reason.MODEL_RATE: "the sensor's rate differs from the one that the model was trained at",
+    Reason.MODEL_FILTER: "the sensor is filtered otherwise than when the model was trained",
+    Reason.MODEL_SIGNAL: "the signal that the model was trained on does not come",
+    Reason.UNMODELLED: "no trained model explains the vibration: other air, another vehicle or another fault",
+    Reason.UNSTEADY: "the vibration is not steady enough to be measured",
+    Reason.FILLING: "the window of samples is still filling, or has gaps",
+    Reason.NO_COMMANDS: "without motor commands the speeds of so few rotors cannot show a slow one",
+    Reason.SHARE_UNKNOWN: "this vehicle's own healthy rotor speeds are still being learned",
+    Reason.OPPOSITE_ALIKE: "the opposite rotor would look the same: commands or the onset would tell",
 }
 
 
