@@ -15,7 +15,6 @@ BOOM = "boom"  # the channel that is each rotor's own boom sensor
 IMU = ("ax", "ay", "az", "p", "q", "r")
 GAP = 1.6  # sample steps beyond which a stretch ends
 SHORTEST = 100  # samples that make a stretch
-SHARE_WINDOW = 20  # rotor speeds averaged where the drift of shares is measured: 2 s at 10 Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,22 +47,6 @@ class LabelledFlight:
     def length(self) -> int:
         """Samples."""
         return len(self.booms) if self.booms is not None else len(next(iter(self.signals.values())))
-
-    @property
-    def shares(self) -> Array:
-        """Return (rotors,): mean speed of each over the mean of all."""
-        assert self.speeds is not None
-        mean = np.asarray(self.speeds, dtype=float).mean(axis=0)
-        return np.asarray(mean / mean.mean())
-
-    @property
-    def share_drift(self) -> float:
-        """How far shares of 2 s stray in this flight, standard deviation."""
-        assert self.speeds is not None
-        whole = len(self.speeds) // SHARE_WINDOW * SHARE_WINDOW
-        pieces = np.asarray(self.speeds[:whole], dtype=float).reshape(-1, SHARE_WINDOW, self.speeds.shape[1])
-        means = pieces.mean(axis=1)
-        return float((means / means.mean(axis=1, keepdims=True)).std(axis=0).mean())
 
 
 def labelled(

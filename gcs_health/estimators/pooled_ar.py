@@ -24,6 +24,7 @@ from gcs_health.estimators.pooled_ar_model import PooledModel
 from gcs_health.estimators.pooled_ar_paper import PaperConfig, PaperWatch
 from gcs_health.estimators.pooled_ar_watch import ModelWatch, WatchConfig
 from gcs_health.estimators.speed_deficit import SpeedConfig, SpeedDeficit
+from gcs_health.estimators.speed_span import lookalikes
 from gcs_health.samples import (
     BoomReading,
     CommandReading,
@@ -102,6 +103,7 @@ class PooledArEstimator:
         self.airframe = airframe
         self.config = config or PooledArConfig()
         _check(airframe, self.config)
+        self._alike = lookalikes(airframe)
         self.reset()
 
     def reset(self) -> None:
@@ -116,8 +118,8 @@ class PooledArEstimator:
         recommended = c.mode == "recommended"
         self._watches = [ModelWatch(model, c.watch) for model in c.models] if recommended else []
         self._alarms = [ModelAlarm(c.watch.hold) for _ in self._watches]
-        table = next((model.speeds for model in c.models if model.speeds is not None), None)
-        self._speeds = SpeedDeficit(self.airframe, c.speed, table)
+        facts = next((model.speeds for model in c.models if model.speeds is not None), None)
+        self._speeds = SpeedDeficit(self.airframe, c.speed, facts)
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates of the rotors that are suspected, or no longer, with it."""
@@ -222,7 +224,7 @@ class PooledArEstimator:
             missing = watch.missing(t, self.config.stale_after)
             if not missing and watch.verdict is not None:
                 missing = watch.verdict.blind
-            answer = None if missing else by_vibration(watch, alarm, rotor, self._speeds.alike)
+            answer = None if missing else by_vibration(watch, alarm, rotor, self._alike)
             reasons += missing
             if answer is not None:
                 answers.append(answer)
@@ -247,7 +249,7 @@ class PooledArEstimator:
             return []
         if s.landed:
             return [Reason.ON_GROUND]
-        if t - s.commands_at > stale and not s.table.shows(rotor):
+        if t - s.commands_at > stale and not s.span.shows:
             return [Reason.NO_COMMANDS]
         return [Reason.ROTORS_BELOW_HOVER]
 

@@ -99,7 +99,7 @@ def by_speeds(speeds: SpeedDeficit, rotor: int, view: SpeedView) -> Answer:
     )  # half of the Gaussian's own log likelihood ratio
     if not view.decides:
         anywhere = min(anywhere, UNDECIDED)
-    candidates = (rotor,) if view.by_command else speeds.alike[rotor]
+    candidates = (rotor,) if view.by_command else speeds.span.alike[rotor]
     if speeds.named in candidates:
         candidates = (speeds.named,)
     reasons: tuple[Reason, ...] = () if view.settled else (Reason.SHARE_UNKNOWN,)

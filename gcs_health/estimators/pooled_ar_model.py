@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.estimators.labelled_flights import BOOM
-from gcs_health.estimators.speed_table import SpeedTable
+from gcs_health.estimators.speed_span import SpeedFacts
 
 Array = NDArray[np.float64]
 LOWEST, HIGHEST = -0.4, 1.4  # where k is searched; outside what can be, so that a wrong regime shows
@@ -38,7 +38,8 @@ def basis_slope(k: Array | float, p: int) -> Array:
     slope[..., 1] = 2.0
     for n in range(2, p):
         slope[..., n] = 4.0 * G[..., n - 1] + (4.0 * k - 2.0) * slope[..., n - 1] - slope[..., n - 2]
-    return slope[..., :p]
+    out: Array = slope[..., :p]
+    return out
 
 
 class Moments(NamedTuple):
@@ -223,7 +224,7 @@ class PooledModel:
     threshold : of k in an alarm window, passed by a healthy flight once in `alarm_every` [s].
     tail : location and scale of the Gumbel law of 10 s maxima in healthy flight; healthy_time [s] behind it.
     names : share of held-out windows in which the smallest residual was the right rotor's.
-    speeds : the speed-deficit table learned beside it. facts : further figures of the training.
+    speeds : what the rotor speeds of the same flights taught. facts : further figures of the training.
     """
 
     vehicle: str
@@ -244,13 +245,18 @@ class PooledModel:
     tail: tuple[float, float]
     healthy_time: float
     names: float
-    speeds: SpeedTable | None = None
+    speeds: SpeedFacts | None = None
     facts: tuple[tuple[str, float], ...] = ()
 
     @property
     def rotors(self) -> tuple[int, ...]:
         """The rotors that have a model, in order."""
         return tuple(sorted({part.rotor for part in self.parts}))
+
+    @property
+    def takes_imu(self) -> bool:
+        """Whether it listens to the IMU; else to the booms."""
+        return self.channels != (BOOM,)
 
     @property
     def block(self) -> int:
@@ -283,6 +289,6 @@ def misfit(model: PooledModel, rotor: int, M: Array, k: Array, count: float) -> 
     the residual over the trained one stands for it.
     """
     mean = rss(M, k) / count
-    if model.channels == (BOOM,):
+    if not model.takes_imu:
         return np.asarray(mean / model.expected(rotor, k))
     return mean

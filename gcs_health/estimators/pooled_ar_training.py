@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gcs_health.airframe import Airframe
 from gcs_health.errors import ConfigError
 from gcs_health.estimators.labelled_flights import BOOM, LabelledFlight
 from gcs_health.estimators.pooled_ar_model import (
@@ -30,7 +31,7 @@ from gcs_health.estimators.pooled_ar_model import (
     residual_variances,
     spread,
 )
-from gcs_health.estimators.speed_training import learned_table
+from gcs_health.estimators.speed_training import learned_speeds
 
 MAXIMA = 10.0  # s, over which healthy maxima are taken
 SLOWEST_FILTER = 40.0  # Hz: a lower cut-off leaves the body's motion alone, of which nothing was measured
@@ -65,8 +66,9 @@ def train(
     held_out: Sequence[LabelledFlight],
     healthy: Sequence[LabelledFlight],
     settings: TrainingSettings,
+    airframe: Airframe | None = None,
 ) -> PooledModel:
-    """Learn a model.
+    """Learn a model; with an airframe, what its flights' rotor speeds teach too.
 
     Raises
     ------
@@ -84,7 +86,7 @@ def train(
         tail=(location, scale),
         threshold=_threshold(maxima, location, scale, s.alarm_every),
         healthy_time=len(maxima) * MAXIMA,
-        speeds=learned_table(fitted, held_out),
+        speeds=learned_speeds(airframe, fitted, held_out, healthy) if airframe else None,
         facts=(
             *model.facts,
             ("vehicles", float(len(vehicles))),

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_health.estimators.contract import Reason
-from gcs_health.estimators.labelled_flights import BOOM
 from gcs_health.estimators.pooled_ar_model import Array, PooledModel, minimise, misfit, rss, spread
 from gcs_health.samples import BoomReading, ImuReading
 
@@ -73,7 +72,7 @@ class ModelWatch:
 
     def __init__(self, model: PooledModel, config: WatchConfig, lags: int = 0) -> None:
         self.model, self.config, self.lags = model, config, lags
-        self.takes: type = BoomReading if model.channels == (BOOM,) else ImuReading
+        self.takes: type = ImuReading if model.takes_imu else BoomReading
         self._fields = (
             () if self.takes is BoomReading else tuple(ImuReading._fields.index(c) for c in model.channels)
         )

@@ -1,11 +1,11 @@
-"""Degradation from rotor speeds: by the speed's deficit, and, where commands are known, against the command.
+"""Degradation from rotor speeds: by what of them no mixer commands, and, where commands are known, against those.
 
-    shares    d_i = 1 - share_i / own healthy share_i              -> k by the table (`speed_table.py`)
+    speeds    e = P W / mean W less its own healthy value          -> k (`speed_span.py`)
     commands  k_i = 1 - (W_i / u_i) / (its healthy value) / c,     c : the median over the rotors (voltage sags)
 
 Healthy trims differ by 20 % between rotors and days (sheet 5 section 4): the own healthy values are learned over the
-first 10 s of flight, and before that doubted by as much. Shares alone never decide on a vehicle that nobody
-has trained: turning and climbing move them too. Source: sheet 4 sections 4 and 6.7.
+first 10 s of flight, and until then doubted by as much. Speeds alone never decide on a vehicle that nobody
+has trained. Source: sheet 4 sections 4 and 6.7.
 """
 
 import math
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_health.airframe import Airframe
-from gcs_health.estimators.speed_table import Array, SpeedTable, from_geometry, lookalikes
+from gcs_health.estimators.onset import Onset
+from gcs_health.estimators.speed_span import Array, Span, SpeedFacts
 from gcs_health.samples import CommandReading, RotorReading
 
 BLOCK = 0.1  # s
@@ -32,109 +33,109 @@ class SpeedConfig:
     learn: float = 10.0  # s of flight that teach the own healthy values
     flying: float = 0.7  # of the highest mean speed so far
     risen: float = 1.25  # a mean higher by so much was no flight before: learn anew
-    between: float = 0.10  # of shares and of speed per command, over healthy rotors; sheet 5 section 4
-    drift: float = 0.02  # of a share within a flight: half the 3-6 % by which squared commands move
+    between: float = 0.10  # of speeds and of speed per command, over healthy rotors; sheet 5 section 4
+    drift: float = 0.02  # of speeds within a flight: half the 3-6 % by which squared commands move
     drift_command: float = 0.01  # of speed per command within a flight, voltage removed
-    table_error: float = 0.15  # of k by the geometry alone
     exponent: float = 0.3  # speed goes with command to the power 1 +- so much
+    exponent_trained: float = 0.03
+    error: float = 0.05  # of k by geometry alone, relative; at least this much at k = 1
     sigmas: float = 5.0  # at which an alarm is given
     least: float = 0.08  # k that is never an alarm
     least_trained: float = 0.03
-    onset: int = 15  # blocks in which the onset may tell a rotor from its opposite
-    onset_sigmas: float = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedView:
     """One rotor's answer.
 
-    k, std : over 2 s. k_fast, threshold : over 0.5 s, and what it must exceed. by_command : commands were known.
-    settled : the own healthy values are learned. decides : whether it may raise an alarm.
+    k, std : over 2 s. k_fast, std_fast : over 0.5 s; threshold : what k_fast must exceed. by_command : commands were
+    known. settled : the own healthy values are learned. decides : whether it may raise an alarm.
     """
 
     k: float
     std: float
     k_fast: float
-    threshold: float
     std_fast: float
+    threshold: float
     by_command: bool
     settled: bool
     decides: bool
 
 
-class _Ratios:
-    """Healthy values of one figure a rotor, learned once in a flight, and how much its windows scatter."""
+class _Healthy:
+    """Healthy values of one figure a rotor, learned once in a flight, and how much its fast windows scatter."""
 
     def __init__(self, prior: Array, between: float, drift: float, learn: int) -> None:
-        self.prior, self.between, self.drift, self.learn = prior, between, drift, learn
-        self.healthy = prior.copy()
-        self.count = 0
-        self._squares = np.zeros(len(prior))
-        self._fast: deque[Array] = deque(maxlen=5)
-        self._sum = np.zeros(len(prior))
+        self.value, self.between, self.drift, self.learn = prior, between, drift, learn
+        self._sum, self._squares = np.zeros(len(prior)), np.zeros(len(prior))
+        self._count = 0
+        self._scatter = between
 
-    def teach(self, block: Array, fast: Array) -> None:
-        """Take one block's values and the fast window's, while learning."""
-        if self.count >= self.learn or not np.isfinite(block).all():
+    def teach(self, fast: Array) -> None:
+        """Take a fast window's values, while learning."""
+        if self.settled:
             return
-        self.count += 1
-        self._sum += block
-        self._squares += (fast / np.maximum(self.prior, 1e-12)) ** 2
-        if self.count == self.learn:
-            mean = self._sum / self.count
-            self._squares = np.maximum(self._squares / self.count - (mean / self.prior) ** 2, 0.0)
-            self.healthy = mean
+        self._count += 1
+        self._sum += fast
+        self._squares += fast * fast
+        if self.settled:
+            self.value = self._sum / self._count
+            variance = np.maximum(self._squares / self._count - self.value**2, 0.0)
+            self._scatter = float(np.sqrt(variance.mean()))
 
     @property
     def settled(self) -> bool:
         """Whether learning is over."""
-        return self.count >= self.learn
+        return self._count >= self.learn
 
-    @property
-    def scatter(self) -> float:
-        """Standard deviation of the fast window's relative values in healthy flight."""
-        return float(np.sqrt(self._squares.mean())) if self.settled else self.between
-
-    @property
-    def doubt(self) -> float:
-        """Standard deviation of the healthy values themselves, relative."""
-        return self.drift if self.settled else self.between
+    def spread(self, share: float) -> float:
+        """Return the standard deviation of a window's value about the healthy one; share of a fast one's scatter."""
+        return math.hypot(self.drift if self.settled else self.between, share * self._scatter)
 
 
 class SpeedDeficit:
-    """Feed rotor speeds and commands; `views` is the last answer, one a rotor or None."""
+    """Feed rotor speeds and commands; `views` is the last answer, one a rotor, None where there is none.
 
-    def __init__(self, airframe: Airframe, config: SpeedConfig, table: SpeedTable | None = None) -> None:
-        self.config = config
+    Attributes
+    ----------
+    span : of the mixer.
+    landed : as the autopilot says. speeds_at, commands_at, speed_t : when they last came [s].
+    """
+
+    def __init__(self, airframe: Airframe, config: SpeedConfig, facts: SpeedFacts | None = None) -> None:
+        self.config, self.facts = config, facts
+        self.span = Span(airframe)
         self.n = len(airframe.rotors)
-        geometric = from_geometry(airframe, config.between, config.drift, config.table_error)
-        self.table = geometric if table is None else _completed(table, geometric)
-        self.trained = table is not None
-        self.alike = lookalikes(airframe)
         self.commands_at = self.speeds_at = -math.inf
         self.speed_t = [-math.inf] * self.n
         self.landed: bool | None = None
-        self.named: int | None = None  # told from its opposite by the onset
+        self.views: list[SpeedView | None] = [None] * self.n
         self._index = -1
         self._open = np.zeros((4, self.n))  # speed sum and count, command sum and count, of the open block
         self._ring: deque[tuple[int, Array]] = deque(maxlen=config.value)
-        self._deficits: deque[Array] = deque(maxlen=config.onset)
         self._top = 0.0
-        self.views: list[SpeedView | None] = [None] * self.n
-        self._relearn()
+        self._learn_anew()
 
-    def _relearn(self) -> None:
-        c, blocks = self.config, round(self.config.learn / BLOCK)
-        between = self.table.between if self.trained else c.between
-        drift = self.table.drift if self.trained else c.drift
-        self._shares = _Ratios(self.table.healthy.copy(), between, drift, blocks)
-        drift = 0.3 * c.drift_command if self.trained else c.drift_command
-        self._gains = _Ratios(np.ones(self.n), c.between, drift, blocks)
-        self._rests = np.full(self.n, math.nan)  # healthy commands, from which the exponent counts
-        self._rest_sum = np.zeros(self.n)
-        self._rest_count = 0
-        self._deficits.clear()
-        self.named = None
+    def _learn_anew(self) -> None:
+        c, facts, blocks = self.config, self.facts, round(self.config.learn / BLOCK)
+        prior = np.zeros(self.n) if facts is None else facts.healthy.copy()
+        between, drift = (c.between, c.drift) if facts is None else (facts.between, facts.drift)
+        self._outside = _Healthy(prior, between, drift, blocks)
+        self._gains = _Healthy(
+            np.ones(self.n), c.between, c.drift_command if facts is None else drift, blocks
+        )
+        self._rests = _Healthy(np.full(self.n, math.nan), 0.0, 0.0, blocks)
+        self._onset = Onset(self.span.alike, self.span.own)
+
+    @property
+    def named(self) -> int | None:
+        """The rotor that the onset told from its opposite."""
+        return self._onset.named
+
+    @property
+    def trained(self) -> bool:
+        """Whether healthy flights of the type were learned from."""
+        return self.facts is not None
 
     def speeds(self, reading: RotorReading) -> bool:
         """Take rotor speeds; return whether there is a new answer."""
@@ -162,148 +163,91 @@ class SpeedDeficit:
         if index <= self._index:
             return False
         if self._index >= 0 and self._open.any():
-            self._ring.append((self._index, self._open.copy()))
-            self._open[:] = 0.0
+            self._ring.append((self._index, self._open))
+            self._open = np.zeros((4, self.n))
         self._index = index
         while self._ring and self._ring[0][0] < index - self.config.value:
             self._ring.popleft()
-        if not self._ring:
-            self.views = [None] * self.n
-            return False
         self._look()
         return True
 
     def _means(self, blocks: int) -> tuple[Array, Array]:
         """Return mean speeds and commands over the newest blocks; NaN where there were none."""
         edge = self._index - blocks
-        total = np.sum([row for index, row in self._ring if index >= edge], axis=0)
-        if np.ndim(total) == 0:
-            return np.full(self.n, math.nan), np.full(self.n, math.nan)
+        total = np.zeros((4, self.n))
+        for index, row in self._ring:
+            if index >= edge:
+                total += row
         with np.errstate(invalid="ignore"):
             return total[0] / total[1], total[2] / total[3]
 
     def _look(self) -> None:
         c = self.config
+        self.views = [None] * self.n
         slow, slow_u = self._means(c.value)
         fast, fast_u = self._means(c.fast)
-        self.views = [None] * self.n
-        if not np.isfinite(slow).all() or slow.max() <= 0.0 or not np.isfinite(fast).all():
+        mean, mean_fast = float(slow.mean()), float(fast.mean())
+        if not (mean > 0.0 and mean_fast > 0.0) or not self._flies(mean):
             return
-        if not self._flies(float(slow.mean())):
-            return
-        commanded = bool(np.isfinite(slow_u).all() and np.isfinite(fast_u).all())
-        now, _ = self._means(1)
-        block = now if np.isfinite(now).all() and now.mean() > 0.0 else fast
-        shares, fast_shares, now_shares = (w / w.mean() for w in (slow, fast, block))
-        self._shares.teach(now_shares, fast_shares)
-        if commanded:
-            self._gains.teach(_relative(fast, fast_u), _relative(fast, fast_u))
-            self._rest(fast_u)
-        self._deficits.append(1.0 - now_shares / self._shares.healthy)
-        by_share = [self._by_share(i, shares, fast_shares) for i in range(self.n)]
-        if commanded:
-            by_command = self._by_command(slow, slow_u, fast, fast_u)
-            self.views = [
-                a if b is None or a.std < b.std else b for a, b in zip(by_command, by_share, strict=True)
-            ]
-        else:
-            self.views = list(by_share)
-        self._watch_onset()
+        if math.isfinite(slow_u.sum()) and math.isfinite(fast_u.sum()):
+            gain, gain_fast = _relative(slow, slow_u), _relative(fast, fast_u)
+            self._gains.teach(gain_fast)
+            self._rests.teach(fast_u)
+            self.views = self._by_command(gain, gain_fast, slow_u)
+        elif self.span.shows:
+            outside = self.span.outside(fast)
+            self._outside.teach(outside)
+            self.views = self._by_span(slow, fast, outside)
+            newest, _ = self._means(1)
+            if self._outside.settled and newest.mean() > 0.0:
+                e = self.span.outside(newest) - self._outside.value
+                self._onset.feed(newest / newest.mean(), e)
 
     def _flies(self, mean: float) -> bool:
         if self.landed:
             return False
         if mean > self.config.risen * self._top:
-            self._relearn()
+            self._learn_anew()
             self._top = mean
         self._top = max(self._top, mean)
         return mean > self.config.flying * self._top
 
-    def _rest(self, commands: Array) -> None:
-        if self._rest_count < self._gains.learn:
-            self._rest_sum += commands
-            self._rest_count += 1
-            self._rests = self._rest_sum / self._rest_count
-
-    def _by_share(self, i: int, shares: Array, fast: Array) -> SpeedView | None:
-        table, learned, c = self.table, self._shares, self.config
-        if not table.shows(i):
-            return None
-        deficits = [float(1.0 - row[i] / learned.healthy[i]) for row in (shares, fast)]
-        k, k_fast = (table.degradation(i, d) for d in deficits)
-        slope = max(table.slope(i, k), 0.1)
-        noise, noise_fast = 0.5 * learned.scatter, learned.scatter
-        error = table.error if self.trained else table.error * min(max(abs(k), 0.2), 1.0)
-        std = math.sqrt((learned.doubt**2 + noise**2) / slope**2 + error**2)
-        std_fast = math.hypot(learned.doubt, noise_fast) / max(table.slope(i, 0.0), 0.1)
-        least = c.least_trained if self.trained else c.least
-        return SpeedView(
-            k, std, k_fast, max(least, c.sigmas * std_fast), std_fast, False, learned.settled, self.trained
-        )
-
-    def _by_command(self, slow: Array, slow_u: Array, fast: Array, fast_u: Array) -> list[SpeedView]:
-        learned, c = self._gains, self.config
-        least = c.least_trained if self.trained else c.least
-        out = []
-        values = [_relative(w, u) / learned.healthy for w, u in ((slow, slow_u), (fast, fast_u))]
-        k, k_fast = (1.0 - value / np.median(value) for value in values)
-        # what a wrong exponent makes of commands that left their healthy values
-        away = np.log(slow_u / self._rests) if np.isfinite(self._rests).all() else np.zeros(self.n)
-        away = np.abs(away - np.median(away)) * (0.1 * c.exponent if self.trained else c.exponent)
-        for i in range(self.n):
-            std = math.sqrt(learned.doubt**2 + (0.5 * learned.scatter) ** 2 + away[i] ** 2)
-            std_fast = math.sqrt(learned.doubt**2 + learned.scatter**2 + away[i] ** 2)
+    def _by_span(self, slow: Array, fast: Array, outside: Array) -> list[SpeedView | None]:
+        c, span, healthy = self.config, self.span, self._outside
+        k = span.degradation(span.outside(slow) - healthy.value, slow).tolist()
+        k_fast = span.degradation(outside - healthy.value, fast).tolist()
+        least, error = (c.least, c.error) if self.facts is None else (c.least_trained, self.facts.error)
+        out: list[SpeedView | None] = []
+        for i, own in enumerate(span.own.tolist()):
+            rest = min(max(1.0 - k[i], 0.1), 1.0) / own  # dk / de falls as the rotor slows
+            std, std_fast = healthy.spread(0.5) * rest + error, healthy.spread(1.0) / own
             threshold = max(least, c.sigmas * std_fast)
             out.append(
-                SpeedView(
-                    float(k[i]),
-                    std,
-                    float(k_fast[i]),
-                    threshold,
-                    std_fast,
-                    True,
-                    learned.settled,
-                    learned.settled,
-                )
+                SpeedView(k[i], std, k_fast[i], std_fast, threshold, False, healthy.settled, self.trained)
             )
         return out
 
-    def _watch_onset(self) -> None:
-        """Name the rotor whose share dipped first and deepest, while the controller had not yet answered."""
-        worst = max(
-            (i for i in range(self.n) if self.views[i] is not None),
-            key=lambda i: self.views[i].k_fast,  # type: ignore[union-attr]
-            default=None,
-        )
-        view = self.views[worst] if worst is not None else None
-        if view is None or view.k_fast < 0.7 * view.threshold:
-            self.named = None
-            return
-        if self.named is not None or not self._shares.settled or worst is None:
-            return
-        group = self.alike[worst]
-        recent = np.array(self._deficits)[:, list(group)]
-        limit = self.config.onset_sigmas * max(3.0 * self._shares.scatter, self._shares.doubt)
-        for a, rotor in enumerate(group):
-            others = [b for b in range(len(group)) if b != a]
-            if others and (recent[:, [a]] - recent[:, others]).min(axis=1).max() > limit:
-                self.named = rotor
+    def _by_command(self, gain: Array, gain_fast: Array, commands: Array) -> list[SpeedView | None]:
+        c, healthy = self.config, self._gains
+        value, value_fast = gain / healthy.value, gain_fast / healthy.value
+        k, k_fast = 1.0 - value / np.median(value), 1.0 - value_fast / np.median(value_fast)
+        least, exponent = (c.least_trained, c.exponent_trained) if self.trained else (c.least, c.exponent)
+        doubt = np.zeros(self.n)
+        if self._rests.settled:  # what a wrong exponent makes of commands that left their healthy values
+            away = np.log(commands / self._rests.value)
+            doubt = exponent * np.abs(away - np.median(away))
+        settled = healthy.settled
+        out: list[SpeedView | None] = []
+        for i, more in enumerate(doubt.tolist()):
+            std, std_fast = math.hypot(healthy.spread(0.5), more), math.hypot(healthy.spread(1.0), more)
+            threshold = max(least, c.sigmas * std_fast)
+            out.append(
+                SpeedView(float(k[i]), std, float(k_fast[i]), std_fast, threshold, True, settled, settled)
+            )
+        return out
 
 
 def _relative(speeds: Array, commands: Array) -> Array:
     """Return (n,): speed per command over the rotors' median, so that voltage falls out."""
     gain = speeds / commands
     return np.asarray(gain / max(float(np.median(gain)), 1e-12))
-
-
-def _completed(table: SpeedTable, geometric: SpeedTable) -> SpeedTable:
-    """Return the trained table, rotors that it lacks from the geometry."""
-    from dataclasses import replace
-
-    rows = []
-    for i, row in enumerate(table.deficit):
-        known = np.isfinite(row).all()
-        usable = np.isfinite(geometric.deficit[i]).all()
-        line = np.interp(table.levels, geometric.levels, geometric.deficit[i]) if usable else row
-        rows.append(row if known else line)
-    return replace(table, deficit=np.array(rows))

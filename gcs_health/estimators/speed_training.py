@@ -1,48 +1,51 @@
-"""The speed-deficit table from labelled flights, beside the pooled model."""
+"""What healthy rotor speeds look like outside the mixer's span, from labelled flights."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from gcs_health.airframe import Airframe
 from gcs_health.estimators.labelled_flights import LabelledFlight
-from gcs_health.estimators.speed_table import Array, SpeedTable
+from gcs_health.estimators.speed_span import Array, Span, SpeedFacts
 
-FEW = 0.05  # spread of healthy shares over vehicles, and error of k, where flights are too few to tell
+WINDOW = 20  # rotor speeds: 2 s at 10 Hz
+FEW = 0.02  # spread over vehicles, and error of k, where flights are too few to tell
 
 
-def learned_table(fitted: Sequence[LabelledFlight], held_out: Sequence[LabelledFlight]) -> SpeedTable | None:
-    """Return the deficits at the fitted levels and the table's error at others; None without rotor speeds."""
-    told = [flight for flight in fitted if flight.speeds is not None]
-    own = {flight.vehicle: flight.shares for flight in told if flight.k == 0.0}
-    if not own:
+def learned_speeds(
+    airframe: Airframe,
+    fitted: Sequence[LabelledFlight],
+    held_out: Sequence[LabelledFlight],
+    healthy: Sequence[LabelledFlight],
+) -> SpeedFacts | None:
+    """Return the facts; None where flights have no rotor speeds, or too few rotors to show anything."""
+    span = Span(airframe)
+    told = [f for f in (*fitted, *healthy) if f.speeds is not None and f.k == 0.0]
+    if not told or not span.shows:
         return None
-    healthy = np.mean(list(own.values()), axis=0)
-    levels = np.array(sorted({flight.k for flight in told}))
-    deficit = np.full((len(healthy), len(levels)), np.nan)
-    for rotor in {flight.rotor for flight in told if flight.k > 0.0}:
-        deficit[rotor, 0] = 0.0
-        for at, k in enumerate(levels[1:], 1):
-            flights = [flight for flight in told if flight.k == k and flight.rotor == rotor]
-            deficit[rotor, at] = np.mean(
-                [_deficit(flight, own.get(flight.vehicle, healthy)) for flight in flights]
-            )
-    table = SpeedTable(
-        levels,
-        deficit,
-        healthy,
-        between=float(np.std(np.array(list(own.values())) / healthy)) if len(own) > 1 else FEW,
-        drift=float(np.median([flight.share_drift for flight in told if flight.k == 0.0])),
-        error=FEW,
-        trained=True,
-    )
+    own: dict[str, list[Array]] = {}
+    for flight in told:
+        own.setdefault(flight.vehicle, []).extend(span.outside(w) for w in _windows(flight))
+    means = {vehicle: np.mean(windows, axis=0) for vehicle, windows in own.items()}
+    mean = np.mean(list(means.values()), axis=0)
     errors = [
-        table.degradation(flight.rotor, _deficit(flight, own[flight.vehicle])) - flight.k
-        for flight in held_out
-        if flight.speeds is not None and flight.vehicle in own
+        span.degradation(span.outside(w) - means[f.vehicle], w)[f.rotor] - f.k
+        for f in held_out
+        if f.speeds is not None and f.vehicle in means
+        for w in _windows(f)
     ]
-    return replace(table, error=float(np.sqrt(np.mean(np.square(errors))))) if errors else table
+    return SpeedFacts(
+        healthy=mean,
+        between=float(np.std(np.array(list(means.values())) - mean)) if len(means) > 1 else FEW,
+        drift=float(np.mean([np.std(windows, axis=0).mean() for windows in own.values()])),
+        error=float(np.sqrt(np.mean(np.square(errors)))) if errors else FEW,
+    )
 
 
-def _deficit(flight: LabelledFlight, healthy: Array) -> float:
-    return float(1.0 - flight.shares[flight.rotor] / healthy[flight.rotor])
+def _windows(flight: LabelledFlight) -> Array:
+    """Return (w, n): mean speeds of 2 s each."""
+    assert flight.speeds is not None
+    speeds = np.asarray(flight.speeds, dtype=float)
+    whole = max(len(speeds) // WINDOW, 1) * WINDOW
+    pieces = speeds[:whole].reshape(-1, min(WINDOW, len(speeds)), speeds.shape[1])
+    return np.asarray(pieces.mean(axis=1))

@@ -14,13 +14,16 @@ Gusts are Dryden's with the paper's length; line strengths and gains are assumpt
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.airframe import Airframe, AirframeSource, Rotor
+from gcs_health.estimators.labelled_flights import IMU, LabelledFlight
 from gcs_health.gate import GRAVITY
+from gcs_health.samples import BoomReading, CommandReading, ImuReading, Reading, RotorReading
 from gcs_health.simulate.booms import MODES, modes, participation
 from gcs_health.simulate.vehicle import load_sim_vehicle
 
@@ -84,6 +87,55 @@ class BenchFlights:
     imu: NDArray[np.float32]
     speed: NDArray[np.float32]
     command: NDArray[np.float32]
+
+    def readings(
+        self, flight: int, streams: tuple[str, ...] = ("hub", "boom", "speed", "command")
+    ) -> Iterator[Reading]:
+        """Yield one flight's readings in order of time; "imu100" is every other one of the 200 Hz stream."""
+        rows = [row for stream in streams for row in self._rows(flight, stream)]
+        rows.sort(key=lambda row: row[:2])
+        for _, _, reading in rows:
+            yield reading
+
+    def _rows(self, flight: int, stream: str) -> Iterator[tuple[float, int, Reading]]:
+        """Yield (time, order at one time, reading)."""
+        absent = (math.nan,) * ROTORS
+        step, told = 1.0 / self.rate, round(SPEED_STEP * self.rate) / self.rate
+        if stream == "hub":
+            for k, (az, p, q) in enumerate(self.hub[:, :, flight].tolist()):
+                yield k * step, 2, ImuReading(k * step, 0.0, 0.0, az, p, q, 0.0)
+        elif stream == "boom":
+            for k, values in enumerate(self.booms[:, :, flight].tolist()):
+                yield k * step, 3, BoomReading(k * step, tuple(values))
+        elif stream == "imu100":
+            for k, six in enumerate(self.imu[::2, :, flight].tolist()):
+                yield 2.0 * IMU_MEAN * k, 2, ImuReading(2.0 * IMU_MEAN * k, *six)
+        elif stream == "command":
+            for k, values in enumerate((self.command[:, :, flight] / (2.0 * self.hover)).tolist()):
+                yield told * (k + 1), 0, CommandReading(told * (k + 1), tuple(values))
+        else:
+            for k, values in enumerate(self.speed[:, :, flight].tolist()):
+                yield told * (k + 1), 1, RotorReading(told * (k + 1), tuple(values), absent, absent)
+
+    @property
+    def hover(self) -> float:
+        """Rotor speed in hover [rad/s]."""
+        return load_sim_vehicle("dutta_hexa").hover
+
+    def labelled(self, skip: float = 6.0, stream: str = "hub") -> list[LabelledFlight]:
+        """Return every flight from `skip` [s] on as what a model is trained on; stream: "hub" or "imu100"."""
+        out = []
+        for j, plan in enumerate(self.plans):
+            speeds = self.speed[round(skip / SPEED_STEP) :, :, j]
+            if stream == "imu100":
+                six = self.imu[round(skip / IMU_MEAN) :: 2, :, j]
+                signals, booms = dict(zip(IMU, six.T, strict=True)), None
+            else:
+                start = round(skip * self.rate)
+                hub, booms = self.hub[start:, :, j], self.booms[start:, :, j]
+                signals = dict(zip(("az", "p", "q"), hub.T, strict=True))
+            out.append(LabelledFlight(str(plan.vehicle), plan.rotor, plan.k, signals, booms, speeds))
+        return out
 
 
 def airframe() -> Airframe:
@@ -250,7 +302,7 @@ class _Flight:
         samples, count = total // over, self.count
         acceleration = np.empty((samples, 9, count), dtype=np.float32)  # heave, rolling, pitching, tips
         motion = np.empty((samples, 5, count), dtype=np.float32)  # ax, ay, p, q, r
-        keep = round(SPEED_STEP / self.dt)
+        keep = round(SPEED_STEP / 3e-4) * over
         speeds, commands = [], []
         control = max(1, round(CONTROL_STEP / self.dt))
         gusts = np.empty((0, 5, count))
@@ -267,10 +319,11 @@ class _Flight:
             gust = gusts[at]
             self._step(gust)
             raw = self.structure.out @ self.state
-            filtered.push(raw)
+            if over > 1:
+                filtered.push(raw)
             if (k + 1) % over == 0:
                 sample = k // over
-                acceleration[sample] = filtered.value().reshape(9, count)
+                acceleration[sample] = filtered.value().reshape(9, count) if over > 1 else raw
                 level = self.level
                 motion[sample, 0] = DRAG * (gust[0] - level[0])
                 motion[sample, 1] = DRAG * (gust[1] - level[1])
