@@ -101,7 +101,7 @@ def residual_variances(by_level: list[Moments], levels: Array, theta: Array) -> 
     for level, g in zip(by_level, basis(levels, p), strict=True):
         part, a = level.of_order(na), theta @ g
         out.append((part.Y - 2.0 * a @ part.c + a @ part.S @ a) / part.length)
-    return np.maximum(np.array(out, dtype=float), 1e-300)
+    return np.asarray(np.maximum(np.array(out, dtype=float), 1e-300), dtype=np.float64)
 
 
 def bic(by_level: list[Moments], levels: Array, theta: Array) -> float:
@@ -164,7 +164,7 @@ def minimise(M: Array) -> Array:
     left, middle, right = values[rows, at - 1], values[rows, at], values[rows, at + 1]
     bend = left - 2.0 * middle + right
     shift = 0.5 * (left - right) / np.where(bend > 0.0, bend, np.inf)
-    return np.clip(GRID[at] + np.clip(shift, -1.0, 1.0) * (GRID[1] - GRID[0]), LOWEST, HIGHEST)
+    return np.asarray(GRID[at] + np.clip(shift, -1.0, 1.0) * (GRID[1] - GRID[0])).clip(LOWEST, HIGHEST)
 
 
 class Spread(NamedTuple):

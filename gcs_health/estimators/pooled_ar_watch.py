@@ -199,7 +199,7 @@ class ModelWatch:
 
     def _look(self, t: float) -> Verdict | None:
         """Judge the windows that end at t [s]; None while they fill."""
-        model, c = self.model, self.config
+        model = self.model
         edge = t - model.value_window - 0.05
         while self.blocks[0][0] < edge:
             self.blocks.popleft()
@@ -207,50 +207,64 @@ class ModelWatch:
         recent = sum(1 for when, _ in self.blocks if when > alarm_edge)
         if recent < FULL * self._alarm_size:
             return None
-        whole = len(self.blocks) >= FULL * self._size
-        views, misfits = {}, {}
-        for rotor in self._rotors:
-            blocks = np.array([grams[rotor] for _, grams in self.blocks])[None]
-            views[rotor], misfits[rotor] = self._view(rotor, blocks, recent)
-        order = sorted(self._rotors, key=misfits.__getitem__)
-        lead = misfits[order[1]] / misfits[order[0]] if len(order) > 1 else math.inf
-        best = views[order[0]]
-        blind = [] if c.ratio[0] <= best.ratio_alarm <= c.ratio[1] else [Reason.UNMODELLED]
-        refused = [] if whole else [Reason.FILLING]
-        if not (c.ratio[0] <= best.ratio <= c.ratio[1] and c.k[0] <= best.k <= c.k[1]):
-            refused.append(Reason.UNMODELLED)
-        if not self._steady(order[0], best.k):
-            refused.append(Reason.UNSTEADY)
-        return Verdict(t, views, order[0], float(lead), tuple(refused), tuple(blind))
+        grams = {rotor: np.array([each[rotor] for _, each in self.blocks]) for rotor in self._rotors}
+        return judge(model, self.config, t, grams, recent, len(self.blocks) >= FULL * self._size)
 
-    def _view(self, rotor: int, blocks: Array, recent: int) -> tuple[RotorView, float]:
-        model = self.model
-        channels = len(model.channels)
-        M = np.stack([blocks[0].sum(axis=0), blocks[0, -recent:].sum(axis=0)])
-        k = minimise(M)
-        counts = channels * self._block * np.array([blocks.shape[1], recent], dtype=float)
-        ratio = rss(M, k) / counts / model.expected(rotor, k) * channels
-        sure = spread(blocks, k[:1], counts[0])
-        sure_alarm = spread(blocks[:, -recent:], k[1:], counts[1])
-        view = RotorView(
-            k=float(k[0]),
-            std=math.sqrt(float(sure.robust[0]) + model.bias**2),
-            k_alarm=float(k[1]),
-            std_alarm=math.sqrt(float(sure_alarm.robust[0])),
-            ratio=float(ratio[0]),
-            ratio_alarm=float(ratio[1]),
-        )
-        return view, float(misfit(model, rotor, M[:1], k[:1], counts[0])[0])
 
-    def _steady(self, rotor: int, k: float) -> bool:
-        """Whether no fifth of the window has a residual far from another's."""
-        blocks = [grams[rotor] for _, grams in self.blocks]
-        size = len(blocks) // FIFTHS
-        if size == 0:
-            return True
-        sums = np.array([np.sum(blocks[i * size : (i + 1) * size], axis=0) for i in range(FIFTHS)])
-        left = rss(sums, np.full(FIFTHS, k))
-        return bool(left.max() <= self.config.uneven * max(left.min(), 1e-300))
+def judge(
+    model: PooledModel, config: WatchConfig, t: float, grams: dict[int, Array], recent: int, whole: bool
+) -> Verdict:
+    """Return the verdict of the windows that end at t [s].
+
+    Parameters
+    ----------
+    grams : of each rotor (m, p+1, p+1), the blocks of the value window, oldest first.
+    recent : how many of them are the alarm window. whole : the value window has no holes.
+    """
+    c = config
+    views, misfits = {}, {}
+    for rotor, blocks in grams.items():
+        views[rotor], misfits[rotor] = _view(model, rotor, blocks, recent)
+    order = sorted(grams, key=misfits.__getitem__)
+    lead = misfits[order[1]] / misfits[order[0]] if len(order) > 1 else math.inf
+    best = views[order[0]]
+    blind = [] if c.ratio[0] <= best.ratio_alarm <= c.ratio[1] else [Reason.UNMODELLED]
+    refused = [] if whole else [Reason.FILLING]
+    if not (c.ratio[0] <= best.ratio <= c.ratio[1] and c.k[0] <= best.k <= c.k[1]):
+        refused.append(Reason.UNMODELLED)
+    if not _steady(grams[order[0]], best.k, c.uneven):
+        refused.append(Reason.UNSTEADY)
+    return Verdict(t, views, order[0], float(lead), tuple(refused), tuple(blind))
+
+
+def _view(model: PooledModel, rotor: int, blocks: Array, recent: int) -> tuple[RotorView, float]:
+    """Return what a rotor's model says, and its misfit in the value window."""
+    channels = len(model.channels)
+    M = np.stack([blocks.sum(axis=0), blocks[-recent:].sum(axis=0)])
+    k = minimise(M)
+    counts = channels * model.block * np.array([len(blocks), recent], dtype=float)
+    ratio = rss(M, k) / counts / model.expected(rotor, k) * channels
+    sure = spread(blocks[None], k[:1], counts[0])
+    sure_alarm = spread(blocks[None, -recent:], k[1:], counts[1])
+    view = RotorView(
+        k=float(k[0]),
+        std=math.sqrt(float(sure.robust[0]) + model.bias**2),
+        k_alarm=float(k[1]),
+        std_alarm=math.sqrt(float(sure_alarm.robust[0])),
+        ratio=float(ratio[0]),
+        ratio_alarm=float(ratio[1]),
+    )
+    return view, float(misfit(model, rotor, M[:1], k[:1], counts[0])[0])
+
+
+def _steady(blocks: Array, k: float, most: float) -> bool:
+    """Whether no fifth of the window has a residual far from another's."""
+    size = len(blocks) // FIFTHS
+    if size == 0:
+        return True
+    sums = blocks[: FIFTHS * size].reshape(FIFTHS, size, *blocks.shape[1:]).sum(axis=1)
+    left = rss(sums, np.full(FIFTHS, k))
+    return bool(left.max() <= most * max(left.min(), 1e-300))
 
 
 def _alike(one: float, other: float) -> bool:
