@@ -2,14 +2,17 @@
 
     python benchmarks/pooled_ar.py > benchmarks/pooled_ar.md
 
-Vehicles and seeds: 1-4 fitted; 5-7 held out (orders, b); 1-7, other seeds, healthy (threshold); reported on fresh
-seeds of 1-4 ("own") and on 11-13, seen by nothing before ("others"). Every figure is told by the estimator's own
-on-line code. `--save FOLDER` keeps the trained models.
+Vehicles 1-4, seeds 100-410: fitted. 5-7, seeds 5000-7009: held out (orders, b). 1-7, seeds 5010-5072: healthy
+(threshold). Reported: fresh seeds of 1-4 ("own", 1000-4009) and vehicles 11-13 ("others", 30000-), seen by nothing
+before; onsets on 1-7, seeds 7000-49009; healthy others, seeds 40000-. `--cache FOLDER` keeps the flights, `--save
+FOLDER` the trained models. Verdicts come from the function that judges on line.
 """
 
 import argparse
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +24,17 @@ from gcs_health.estimators.pooled_ar_model import PooledModel
 from gcs_health.estimators.pooled_ar_training import TrainingSettings, train
 from gcs_health.estimators.pooled_ar_training import windows as windows_of
 from gcs_health.estimators.pooled_ar_watch import Verdict, WatchConfig, judge
-from gcs_health.simulate.boom_bench import Bench, BenchFlights, Plan, airframe, fly_bench
+from gcs_health.samples import BoomReading, CommandReading, ImuReading, Reading, RotorReading
+from gcs_health.simulate.boom_bench import ROTORS, SPEED_STEP, Bench, Plan, airframe, fly_bench
 
 GUSTS = {"light": 0.5, "middle": 1.5, "severe": 2.3}  # m/s rms
 FITTED, HELD_OUT, OTHERS = (1, 2, 3, 4), (5, 6, 7), (11, 12, 13)
+KNOWN = (*FITTED, *HELD_OUT)
 STEPS, BETWEEN = (0.2, 0.4, 0.6, 0.8, 1.0), (0.1, 0.3, 0.5, 0.7, 0.9)
 RATE = 1.0 / 3e-4
 SETTLE = 6.0  # s after the onset, as the paper waits for
-ONSET = 16.0
-CALM = 47.0  # s, a healthy flight
+ONSET = 18.0
+FULL = ("light", "severe")  # air in which alarms are measured too
 AXES = ("ax", "ay", "az", "p", "q", "r")
 
 
@@ -83,28 +88,99 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--regimes", default="light,middle,severe")
+    parser.add_argument("--cache", type=Path)
     parser.add_argument("--save", type=Path)
     options = parser.parse_args()
-    regimes = options.regimes.split(",")
     print("# Pooled AR models on the boom bench\n\nPrinted by `python benchmarks/pooled_ar.py`.\n")
     print((__doc__ or "").split("\n\n")[2] + "\n")
     print("Errors and widths in % of k; n. e. s.: mean squared error over stated variance, 1 = as stated.\n")
     models: dict[tuple[str, str], PooledModel] = {}
-    reports: dict[str, BenchFlights] = {}
+    reports: dict[str, tuple[Flown, ...]] = {}
+    regimes = options.regimes.split(",")
     for regime in regimes:
-        trained(regime, models)
-        reports[regime] = fly(regime, between((*FITTED, *OTHERS), 20_000), 17.0)
+        fly = partial(flown, options.cache, regime)
+        middle = fly("mid", between(KNOWN, 0), 18.0)
+        trained(regime, fly, middle, models)
+        reports[regime] = (middle.of(FITTED), fly("others", between(OTHERS, 20_000), 18.0))
+    for (air, name), model in models.items():
         if options.save:
             options.save.mkdir(exist_ok=True)
-            for (air, name), model in models.items():
-                save(
-                    model,
-                    options.save / f"{air}_{name.split(',')[0].replace(' ', '_')}{len(model.channels)}.npz",
-                )
+            save(model, options.save / f"{air}_{name.replace(', ', '_').replace(' ', '_')}.npz")
     values(models, reports)
     for regime in regimes:
-        alarms(regime, models)
-    pairs(regimes, models)
+        if regime in FULL:
+            fly = partial(flown, options.cache, regime)
+            alarms(regime, fly, models)
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Flights from `SETTLE` on; speeds and commands from the start."""
+
+    plans: tuple[Plan, ...]
+    signals: dict[str, np.ndarray]
+
+    def of(self, vehicles: tuple[int, ...]) -> "Flown":
+        """Return those of some vehicles."""
+        kept = [j for j, plan in enumerate(self.plans) if plan.vehicle in vehicles]
+        return Flown(tuple(self.plans[j] for j in kept), {k: v[..., kept] for k, v in self.signals.items()})
+
+    def labelled(self, stream: str) -> list[LabelledFlight]:
+        """Return what a model is trained on, or judges."""
+        s, first = self.signals, round(SETTLE / SPEED_STEP)
+        out = []
+        for j, plan in enumerate(self.plans):
+            six = stream == "imu100"
+            columns = s["imu"][::2, :, j] if six else s["hub"][:, :, j]
+            signals = dict(zip(AXES if six else ("az", "p", "q"), columns.T, strict=True))
+            booms = None if six else s["booms"][:, :, j]
+            speeds = s["speed"][first:, :, j]
+            out.append(LabelledFlight(str(plan.vehicle), plan.rotor, plan.k, signals, booms, speeds))
+        return out
+
+    def told(self, j: int, commands: bool) -> Iterator[Reading]:
+        """Yield rotor speeds, and commands, of a flight."""
+        s, absent = self.signals, (float("nan"),) * ROTORS
+        for k in range(len(s["speed"])):
+            t = SPEED_STEP * (k + 1)
+            if commands:
+                yield CommandReading(t, tuple((s["command"][k, :, j] / 1000.0).tolist()))
+            yield RotorReading(t, tuple(s["speed"][k, :, j].tolist()), absent, absent)
+
+    def vibrated(self, j: int, stream: str) -> Iterator[Reading]:
+        """Yield the IMU's or the booms' samples of a flight."""
+        s, absent = self.signals, (float("nan"),) * (ROTORS - 2)
+        rows = s["hub" if stream == "hub" else "booms"][:, :, j].tolist()
+        for k, row in enumerate(rows):
+            t = SETTLE + k / RATE
+            if stream == "hub":
+                yield ImuReading(t, 0.0, 0.0, row[0], row[1], row[2], 0.0)
+            else:
+                yield BoomReading(t, (*row, *absent))
+
+
+def flown(
+    cache: Path | None, regime: str, name: str, plans: list[Plan], duration: float, onset: float = 0.0
+) -> Flown:
+    """Fly on the bench, or take the flights from the cache."""
+    file = cache / f"{regime}_{name}.npz" if cache else None
+    if file is not None and file.exists():
+        with np.load(file) as stored:
+            return Flown(tuple(plans), {k: stored[k] for k in ("hub", "booms", "imu", "speed", "command")})
+    log(f"{regime}: {name}, {len(plans)} flights of {duration:.0f} s")
+    flights = fly_bench(plans, Bench(gusts=GUSTS[regime], duration=duration, onset=onset))
+    start = round(SETTLE * RATE)
+    signals = {
+        "hub": flights.hub[start:],
+        "booms": flights.booms[start:, :2],
+        "imu": flights.imu[round(SETTLE / 0.005) :],
+        "speed": flights.speed,
+        "command": flights.command,
+    }
+    if file is not None:
+        file.parent.mkdir(exist_ok=True)
+        np.savez(file, **signals)
+    return Flown(tuple(plans), signals)
 
 
 def log(text: str) -> None:
@@ -112,29 +188,20 @@ def log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def fly(regime: str, plans: list[Plan], duration: float, onset: float = 0.0) -> BenchFlights:
-    """Fly on the bench."""
-    log(f"{regime}: {len(plans)} flights of {duration:.0f} s")
-    return fly_bench(plans, Bench(gusts=GUSTS[regime], duration=duration, onset=onset))
-
-
-def between(vehicles: tuple[int, ...], seed: int) -> list[Plan]:
+def between(vehicles: tuple[int, ...], seed: int, each: int = 1000) -> list[Plan]:
     """Return flights at levels that are not fitted, both rotors."""
     rows = [(rotor, k) for rotor in (0, 1) for k in BETWEEN]
-    return [Plan(v, seed + 100 * v + i, rotor, k) for v in vehicles for i, (rotor, k) in enumerate(rows)]
+    return [Plan(v, seed + each * v + i, rotor, k) for v in vehicles for i, (rotor, k) in enumerate(rows)]
 
 
-def healthy(vehicles: tuple[int, ...], seed: int, each: int) -> list[Plan]:
-    """Return healthy flights."""
-    return [Plan(v, seed + 100 * v + i) for v in vehicles for i in range(each)]
-
-
-def trained(regime: str, models: dict[tuple[str, str], PooledModel]) -> None:
+def trained(
+    regime: str, fly: Callable[..., Flown], middle: Flown, models: dict[tuple[str, str], PooledModel]
+) -> None:
     """Train all sensors' models in one regime, and print what was chosen."""
     rows = [(0, 0.0), *[(rotor, k) for rotor in (0, 1) for k in STEPS]]
-    fitted = fly(regime, [Plan(v, 100 * v + i, r, k) for v in FITTED for i, (r, k) in enumerate(rows)], 36.0)
-    held_out = fly(regime, between(HELD_OUT, 1000), 18.0)
-    calm = fly(regime, healthy((*FITTED, *HELD_OUT), 5000, 3), CALM)
+    fitted = fly("fit", [Plan(v, 100 * v + i, r, k) for v in FITTED for i, (r, k) in enumerate(rows)], 36.0)
+    calm = fly("healthy", [Plan(v, 5000 + 10 * v + j) for v in KNOWN for j in range(4)], 40.0)
+    held_out = middle.of(HELD_OUT)
     print(f"\n## Trained in {regime} air, {GUSTS[regime]} m/s rms\n")
     print(
         "| sensor | orders | p | b | threshold, 1 alarm per 5 min | healthy minutes | right rotor, held out |"
@@ -151,7 +218,7 @@ def trained(regime: str, models: dict[tuple[str, str], PooledModel]) -> None:
             basis=sensor.basis,
             value_window=sensor.window,
         )
-        sets = [flights.labelled(SETTLE, sensor.stream) for flights in (fitted, held_out, calm)]
+        sets = [flights.labelled(sensor.stream) for flights in (fitted, held_out, calm)]
         model = train(sets[0], sets[1], sets[2], settings, airframe())
         models[regime, sensor.name] = model
         orders = ", ".join(str(len(part.theta)) for part in model.parts)
@@ -162,42 +229,46 @@ def trained(regime: str, models: dict[tuple[str, str], PooledModel]) -> None:
         )
 
 
-def values(models: dict[tuple[str, str], PooledModel], reports: dict[str, BenchFlights]) -> None:
+def values(models: dict[tuple[str, str], PooledModel], reports: dict[str, tuple[Flown, ...]]) -> None:
     """Print errors and intervals at home, and how often the wrong regime is refused."""
-    print("\n## Value, levels between, windows 5 s (hub), 2 s (boom), 10 s (six axes)\n")
-    print("| air | sensor | vehicles | mean error | coverage | width | n. e. s. | refused | right rotor |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("\n## Value, levels between, windows of 5 s (hub), 2 s (boom), 10 s (six axes)\n")
+    print(
+        "| air | sensor | vehicles | windows | mean error | coverage | width | n. e. s. | refused | right rotor |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
     wrong = []
     for (trained_in, name), model in models.items():
         sensor = next(one for one in SENSORS if one.name == name)
-        for flown_in, flights in reports.items():
-            own, others = said(model, sensor.stream, flights)
+        for flown_in, groups in reports.items():
+            both = [said(model, sensor.stream, group) for group in groups]
             if trained_in == flown_in:
-                for which, windows in (("own", own), ("others", others)):
-                    right = 100 * np.mean(windows.right)
-                    print(f"| {flown_in} | {name} | {which} | {windows.row()} | {right:.0f} % |", flush=True)
+                for which, windows in zip(("own", "others"), both, strict=True):
+                    right, count = 100 * np.mean(windows.right), len(windows.right)
+                    print(
+                        f"| {flown_in} | {name} | {which} | {count} | {windows.row()} | {right:.0f} % |",
+                        flush=True,
+                    )
             else:
-                refused = 100 * np.mean(own.refused + others.refused)
-                count = len(own.refused + others.refused)
-                wrong.append(f"| {name} | {trained_in} | {flown_in} | {refused:.1f} % | {count} |")
+                refused = [one for windows in both for one in windows.refused]
+                share = 100 * np.mean(refused)
+                wrong.append(f"| {name} | {trained_in} | {flown_in} | {share:.1f} % | {len(refused)} |")
     print("\n## Windows of the wrong regime\n")
     print("| sensor | trained in | flown in | refused | windows |\n|---|---|---|---|---|")
     print("\n".join(wrong), flush=True)
 
 
-def said(model: PooledModel, stream: str, flights: BenchFlights) -> tuple[Windows, Windows]:
-    """Return what is said in windows that do not overlap, of own and other vehicles."""
-    log(f"{model.regime} {model.channels} on {flights.bench.gusts} m/s")
-    out = (Windows(), Windows())
-    for plan, flight in zip(flights.plans, flights.labelled(SETTLE, stream), strict=True):
-        windows = out[plan.vehicle in OTHERS]
+def said(model: PooledModel, stream: str, flights: Flown) -> Windows:
+    """Return what is said in windows that do not overlap."""
+    log(f"{model.regime} {model.channels}: {len(flights.plans)} flights")
+    windows = Windows()
+    for plan, flight in zip(flights.plans, flights.labelled(stream), strict=True):
         for verdict in verdicts(model, flight, every=round(model.value_window * model.rate / model.block)):
             view = verdict.views[plan.rotor]
             windows.error.append(view.k - plan.k)
             windows.std.append(view.std)
             windows.refused.append(bool(verdict.refused))
             windows.right.append(verdict.best == plan.rotor)
-    return out
+    return windows
 
 
 def verdicts(model: PooledModel, flight: LabelledFlight, every: int = 1) -> list[Verdict]:
@@ -218,16 +289,16 @@ def verdicts(model: PooledModel, flight: LabelledFlight, every: int = 1) -> list
     ]
 
 
-def alarms(regime: str, models: dict[tuple[str, str], PooledModel]) -> None:
+def alarms(regime: str, fly: Callable[..., Flown], models: dict[tuple[str, str], PooledModel]) -> None:
     """Print delays after the onset and the alarms of healthy flights."""
-    calm = fly(regime, healthy((*FITTED, *OTHERS), 40_000, 2), CALM)
-    onset = fly(regime, between(OTHERS, 50_000), 26.0, ONSET)
-    print(f"\n## Alarms in {regime} air, windows of 1 s, other vehicles after an onset\n")
-    print("| sensor | k = .1 | .3 | .5 | .7 | .9 | healthy alarms, own | others | expected of own, others |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    calm = fly("calm", [Plan(v, 40_000 + 10 * v + j) for v in OTHERS for j in range(4)], 66.0)
+    onset = fly("onset", between(KNOWN, 0, 7000), 26.0, ONSET)
+    print(f"\n## Alarms in {regime} air, windows of 1 s, after the onset\n")
+    print("| sensor | k = .1 | .3 | .5 | .7 | .9 | healthy alarms, others | expected |")
+    print("|---|---|---|---|---|---|---|---|")
     for sensor in SENSORS:
         model = models[regime, sensor.name]
-        shaken = onset.labelled(SETTLE, sensor.stream)
+        shaken = onset.labelled(sensor.stream)
         cells = []
         for k in BETWEEN:
             found = [events(model, f) for f in shaken if f.k == k]
@@ -236,16 +307,15 @@ def alarms(regime: str, models: dict[tuple[str, str], PooledModel]) -> None:
             text = f"{np.median(seen):.1f} s, worst {max(seen):.1f}" if seen else "-"
             missed = f", {len(delays) - len(seen)} of {len(delays)} missed" if len(seen) < len(delays) else ""
             cells.append(text + missed)
-        counts, minutes = [0, 0], [0.0, 0.0]
-        for plan, flight in zip(calm.plans, calm.labelled(SETTLE, sensor.stream), strict=True):
-            other = plan.vehicle in OTHERS
-            counts[other] += len(events(model, flight))
-            minutes[other] += (CALM - SETTLE) / 60.0
-        expected = ", ".join(f"{m * 60.0 / model.alarm_every:.1f}" for m in minutes)
+        healthy = calm.labelled(sensor.stream)
+        count = sum(len(events(model, flight)) for flight in healthy)
+        minutes = (
+            sum(flight.length - model.value_window * model.rate for flight in healthy) / model.rate / 60.0
+        )
         row = " | ".join(cells)
-        told = " | ".join(f"{n} in {m:.0f} min" for n, m in zip(counts, minutes, strict=True))
-        print(f"| {sensor.name} | {row} | {told} | {expected} |", flush=True)
-    speeds(regime, onset, calm, models[regime, SENSORS[0].name])
+        expected = minutes * 60.0 / model.alarm_every
+        print(f"| {sensor.name} | {row} | {count} in {minutes:.0f} min | {expected:.1f} |", flush=True)
+    speeds(regime, onset, calm, models)
 
 
 def events(model: PooledModel, flight: LabelledFlight) -> list[float]:
@@ -260,78 +330,62 @@ def events(model: PooledModel, flight: LabelledFlight) -> list[float]:
     return began
 
 
-def speeds(regime: str, onset: BenchFlights, calm: BenchFlights, model: PooledModel) -> None:
-    """Print the speed path: rotor speeds at 10 Hz with 15 rpm of noise, with and without commands."""
+def speeds(regime: str, onset: Flown, calm: Flown, models: dict[tuple[str, str], PooledModel]) -> None:
+    """Print the speed path, 10 Hz with 15 rpm of noise, and how each path names rotors."""
+    model = models[regime, SENSORS[0].name]
     print("\n| rotor speeds | mean error, 2 s | k = .1 seen after, worst | missed | healthy alarms |")
     print("|---|---|---|---|---|")
-    for name, streams in (("alone", ("speed",)), ("with commands", ("speed", "command"))):
-        errors, delays, false = [], [], 0
+    outcomes: dict[str, list[int]] = {}
+    for name, commands in (("alone", False), ("with commands", True)):
+        errors, delays = [], []
         for j, plan in enumerate(onset.plans):
-            estimator = PooledArEstimator(airframe(), PooledArConfig(models=(model,)))
-            first = np.inf
-            for reading in onset.readings(j, streams):
-                estimator.feed(reading)
-                if reading.t > ONSET and first == np.inf and anywhere(estimator, reading.t) > 0.9:
-                    first = reading.t - ONSET
+            first, last, named = followed(model, onset.told(j, commands))
             if plan.k == BETWEEN[0]:
-                delays.append(first)
-            errors.append(estimator.estimates(25.9)[plan.rotor].value - plan.k)
-        for j in range(len(calm.plans)):
-            estimator = PooledArEstimator(airframe(), PooledArConfig(models=(model,)))
-            alarmed = False
-            for reading in calm.readings(j, streams):
-                estimator.feed(reading)
-                alarmed = alarmed or anywhere(estimator, reading.t) > 0.9
-            false += alarmed
+                delays.append(first - ONSET)
+            errors.append(last[plan.rotor] - plan.k)
+            count(outcomes.setdefault(f"speeds {name}", [0] * 4), plan.rotor, named)
+        false = sum(followed(model, calm.told(j, commands))[0] < np.inf for j in range(len(calm.plans)))
         seen = [delay for delay in delays if delay < np.inf]
         print(
             f"| {name} | {100 * np.mean(np.abs(errors)):.2f} | {np.median(seen):.1f}, {max(seen):.1f} s | "
             f"{len(delays) - len(seen)} of {len(delays)} | in {false} of {len(calm.plans)} flights |",
             flush=True,
         )
+    for sensor in (SENSORS[0], SENSORS[2]):
+        for j, plan in enumerate(onset.plans[::3]):
+            _, _, named = followed(models[regime, sensor.name], onset.vibrated(3 * j, sensor.stream))
+            count(outcomes.setdefault(sensor.name, [0] * 4), plan.rotor, named)
+    print("\n| named with more than .9 by | right | its opposite | another | nobody |\n|---|---|---|---|---|")
+    for name, counts in outcomes.items():
+        print(f"| {name} | " + " | ".join(map(str, counts)) + " |", flush=True)
 
 
-def anywhere(estimator: PooledArEstimator, t: float) -> float:
-    """Return the probability that some rotor is degraded."""
-    return max(float(dict(one.evidence).get("probability_anywhere", 0.0)) for one in estimator.estimates(t))
-
-
-def pairs(regimes: list[str], models: dict[tuple[str, str], PooledModel]) -> None:
-    """Print how faults of all six rotors are named after an onset: right, another, or both of the pair."""
-    print("\n## Opposite pairs: onsets on all six rotors, k = .3 .. .9, one rotor above .9 within 8 s\n")
-    print("| air | by | right | its opposite | another | none named |\n|---|---|---|---|---|---|")
-    for regime in regimes:
-        plans = [Plan(OTHERS[i % 3], 60_000 + i, i % 6, BETWEEN[1 + i % 4]) for i in range(24)]
-        flights = fly(regime, plans, 26.0, ONSET)
-        ways = {
-            "hub z": ("hub",),
-            "boom tip": ("boom",),
-            "speeds": ("speed",),
-            "speeds and commands": ("speed", "command"),
-        }
-        for way, streams in ways.items():
-            model = models[regime, way if way in ("hub z", "boom tip") else "hub z"]
-            counts = [0, 0, 0, 0]
-            for j, plan in enumerate(plans):
-                counts[outcome(model, flights, j, plan.rotor, streams)] += 1
-            print(f"| {regime} | {way} | " + " | ".join(map(str, counts)) + " |", flush=True)
-
-
-def outcome(model: PooledModel, flights: BenchFlights, j: int, rotor: int, streams: tuple[str, ...]) -> int:
-    """Return 0 right, 1 the opposite was ever named, 2 another, 3 none."""
+def followed(model: PooledModel, readings: Iterator[Reading]) -> tuple[float, list[float], set[int]]:
+    """Return when some rotor was first suspected with .9 (inf = never), the last values, and rotors named."""
     estimator = PooledArEstimator(airframe(), PooledArConfig(models=(model,)))
-    named = set()
-    for reading in flights.readings(j, streams):
-        if reading.t < SETTLE:
+    first, due, named, t = np.inf, 0.0, set(), 0.0
+    for reading in readings:
+        estimator.feed(reading)
+        t = reading.t
+        if t < due or t < SETTLE:
             continue
-        for estimate in estimator.feed(reading):
-            if estimate.failure_probability > 0.9 and reading.t > ONSET:
-                named.add(estimate.rotor)
+        due = t + 0.05
+        for one in estimator.estimates(t):
+            if float(dict(one.evidence).get("probability_anywhere", 0.0)) > 0.9:
+                first = min(first, t)
+            if one.failure_probability > 0.9:
+                named.add(one.rotor)
+    return first, [one.value for one in estimator.estimates(t)], named
+
+
+def count(counts: list[int], rotor: int, named: set[int]) -> None:
+    """Count as right, the opposite, another, or nobody."""
     if not named:
-        return 3
-    if named == {rotor}:
-        return 0
-    return 1 if (rotor + 3) % 6 in named else 2
+        counts[3] += 1
+    elif named == {rotor}:
+        counts[0] += 1
+    else:
+        counts[1 if (rotor + 3) % 6 in named else 2] += 1
 
 
 if __name__ == "__main__":

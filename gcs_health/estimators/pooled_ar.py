@@ -249,7 +249,7 @@ class PooledArEstimator:
             return []
         if s.landed:
             return [Reason.ON_GROUND]
-        if t - s.commands_at > stale and not s.span.shows:
+        if t - s.commands_at > stale and not s.span.shown[rotor]:
             return [Reason.NO_COMMANDS]
         return [Reason.ROTORS_BELOW_HOVER]
 

@@ -71,9 +71,12 @@ def by_vibration(
         return None
     view = verdict.views[rotor if rotor in trained else trained[0]]
     anywhere = probability(rarity(model, alarm.largest(verdict)) - rarity(model, model.threshold))
+    # a rotor whose own model sees nothing is no suspect; among the others the smallest residual names
+    suspects = [one for one, other in verdict.views.items() if other.k_alarm > model.threshold]
     separates = verdict.lead >= watch.config.margin and model.names >= watch.config.names
-    groups = [verdict.best] if separates else list(verdict.views)
-    candidates = tuple(dict.fromkeys(one for group in groups for one in alike[group]))
+    if separates and (verdict.best in suspects or not suspects):
+        suspects = [verdict.best]
+    candidates = tuple(dict.fromkeys(one for group in suspects or verdict.views for one in alike[group]))
     reasons = list(verdict.refused)
     if len(candidates) > 1:
         reasons.append(Reason.OPPOSITE_ALIKE)

@@ -68,15 +68,12 @@ class PaperWatch:
         return missing or (() if self.views else (Reason.FILLING,))
 
     def probability(self, rotor: int) -> float:
-        """Return that of a fault of this rotor: the t-test's, where its residuals alone are white."""
-        view = self.views[rotor]
-        if not view.full:
+        """Return that of a fault of this rotor: .9 at the t-test's critical point, for those with white residuals."""
+        if not self.views[rotor].full:
             return 0.0
-        accepted = [one for one, other in self.views.items() if other.white]
-        p = NORMAL.cdf(view.t)
-        if rotor in accepted:
-            return p / len(accepted)
-        return min(p, 1.0 - p) if accepted else p / len(self.views)
+        anywhere = max(2.0 * NORMAL.cdf(view.t) - 1.0 for view in self.views.values())
+        accepted = [one for one, view in self.views.items() if view.white] or list(self.views)
+        return anywhere / len(accepted) if rotor in accepted else min(anywhere, 1.0 - anywhere)
 
     @property
     def detected(self) -> bool:

@@ -40,6 +40,7 @@ class SpeedConfig:
     exponent_trained: float = 0.03
     error: float = 0.05  # of k by geometry alone, relative; at least this much at k = 1
     sigmas: float = 5.0  # at which an alarm is given
+    bound: float = 2.0  # of the exponent's doubt that an alarm must exceed
     least: float = 0.08  # k that is never an alarm
     least_trained: float = 0.03
 
@@ -219,6 +220,9 @@ class SpeedDeficit:
         least, error = (c.least, c.error) if self.facts is None else (c.least_trained, self.facts.error)
         out: list[SpeedView | None] = []
         for i, own in enumerate(span.own.tolist()):
+            if not span.shown[i]:
+                out.append(None)
+                continue
             rest = min(max(1.0 - k[i], 0.1), 1.0) / own  # dk / de falls as the rotor slows
             std, std_fast = healthy.spread(0.5) * rest + error, healthy.spread(1.0) / own
             threshold = max(least, c.sigmas * std_fast)
@@ -240,7 +244,8 @@ class SpeedDeficit:
         out: list[SpeedView | None] = []
         for i, more in enumerate(doubt.tolist()):
             std, std_fast = math.hypot(healthy.spread(0.5), more), math.hypot(healthy.spread(1.0), more)
-            threshold = max(least, c.sigmas * std_fast)
+            # the exponent's doubt has a bound, unlike noise
+            threshold = max(least, c.sigmas * healthy.spread(1.0) + c.bound * more)
             out.append(
                 SpeedView(float(k[i]), std, float(k_fast[i]), std_fast, threshold, True, settled, settled)
             )

@@ -85,7 +85,8 @@ class Span:
     def __init__(self, airframe: Airframe) -> None:
         self.P = projector(airframe)
         self.own = np.diag(self.P).copy()
-        self.shows = bool((self.own > LEAST).all())
+        self.shown = (self.own > LEAST).tolist()
+        self.shows = any(self.shown)
         size = np.sqrt(np.maximum(np.outer(self.own, self.own), 1e-12))
         cosine = self.P / size
         places = lookalikes(airframe)
