@@ -291,7 +291,7 @@ def verdicts(model: PooledModel, flight: LabelledFlight, every: int = 1) -> list
 
 def alarms(regime: str, fly: Callable[..., Flown], models: dict[tuple[str, str], PooledModel]) -> None:
     """Print delays after the onset and the alarms of healthy flights."""
-    calm = fly("calm", [Plan(v, 40_000 + 10 * v + j) for v in OTHERS for j in range(4)], 66.0)
+    calm = fly("calm", [Plan(v, 40_000 + 10 * v + j) for v in OTHERS for j in range(6)], 40.0)
     onset = fly("onset", between(KNOWN, 0, 7000), 26.0, ONSET)
     print(f"\n## Alarms in {regime} air, windows of 1 s, after the onset\n")
     print("| sensor | k = .1 | .3 | .5 | .7 | .9 | healthy alarms, others | expected |")

@@ -28,7 +28,8 @@ RIDGE = 1e-9  # of the moments' mean diagonal
 def basis(k: Array | float, p: int) -> Array:
     """Return (..., p): T*_0 = 1, T*_1 = 2k - 1, T*_n+1 = (4k - 2) T*_n - T*_n-1 (sheet 4, eq. 4)."""
     x = 2.0 * np.asarray(k, dtype=float) - 1.0
-    return np.asarray(np.polynomial.chebyshev.chebvander(x.ravel(), p - 1)).reshape(*x.shape, p)
+    G: Array = np.polynomial.chebyshev.chebvander(x.ravel(), p - 1).astype(np.float64)
+    return G.reshape(*x.shape, p)
 
 
 def basis_slope(k: Array | float, p: int) -> Array:

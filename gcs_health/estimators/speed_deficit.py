@@ -29,6 +29,7 @@ class SpeedConfig:
     """Windows, spreads and thresholds of the speed path."""
 
     fast: int = 5  # blocks of 0.1 s in which a fault is seen
+    lasting: int = 3  # looks on end that must see it: a landing is shorter (indiflight_00230)
     value: int = 20  # blocks over which it is measured
     learn: float = 10.0  # s of flight that teach the own healthy values
     flying: float = 0.7  # of the highest mean speed so far
@@ -127,6 +128,7 @@ class SpeedDeficit:
         )
         self._rests = _Healthy(np.full(self.n, math.nan), 0.0, 0.0, blocks)
         self._onset = Onset(self.span.alike, self.span.own)
+        self._seen: deque[Array] = deque(maxlen=self.config.lasting)
 
     @property
     def named(self) -> int | None:
@@ -213,10 +215,17 @@ class SpeedDeficit:
         self._top = max(self._top, mean)
         return mean > self.config.flying * self._top
 
+    def _lasting(self, k: Array) -> list[float]:
+        """Return the least of the last few looks."""
+        self._seen.append(k)
+        return (
+            [float(value) for value in np.min(self._seen, axis=0)] if len(self._seen) > 1 else [0.0] * self.n
+        )
+
     def _by_span(self, slow: Array, fast: Array, outside: Array) -> list[SpeedView | None]:
         c, span, healthy = self.config, self.span, self._outside
         k = span.degradation(span.outside(slow) - healthy.value, slow).tolist()
-        k_fast = span.degradation(outside - healthy.value, fast).tolist()
+        k_fast = self._lasting(span.degradation(outside - healthy.value, fast))
         least, error = (c.least, c.error) if self.facts is None else (c.least_trained, self.facts.error)
         out: list[SpeedView | None] = []
         for i, own in enumerate(span.own.tolist()):
@@ -234,7 +243,7 @@ class SpeedDeficit:
     def _by_command(self, gain: Array, gain_fast: Array, commands: Array) -> list[SpeedView | None]:
         c, healthy = self.config, self._gains
         value, value_fast = gain / healthy.value, gain_fast / healthy.value
-        k, k_fast = 1.0 - value / np.median(value), 1.0 - value_fast / np.median(value_fast)
+        k, k_fast = 1.0 - value / np.median(value), self._lasting(1.0 - value_fast / np.median(value_fast))
         least, exponent = (c.least_trained, c.exponent_trained) if self.trained else (c.least, c.exponent)
         doubt = np.zeros(self.n)
         if self._rests.settled:  # what a wrong exponent makes of commands that left their healthy values
@@ -246,9 +255,7 @@ class SpeedDeficit:
             std, std_fast = math.hypot(healthy.spread(0.5), more), math.hypot(healthy.spread(1.0), more)
             # the exponent's doubt has a bound, unlike noise
             threshold = max(least, c.sigmas * healthy.spread(1.0) + c.bound * more)
-            out.append(
-                SpeedView(float(k[i]), std, float(k_fast[i]), std_fast, threshold, True, settled, settled)
-            )
+            out.append(SpeedView(float(k[i]), std, k_fast[i], std_fast, threshold, True, settled, settled))
         return out
 
 
