@@ -3,8 +3,8 @@
     python replay/dutta2023.py [--quick] [--gusts 2.3] [--plots]
 
 One vehicle in severe air on the boom bench. Hub z: FP-AR(43)2 and (38)2 from 5000 samples a level, windows of
-5 s; boom tip z: FP-AR(16)2 and (12)2 from 1000, windows of 2 s. "long" trains on all samples, with more basis functions.
-`--quick` flies a third of the time. `--plots` writes out/dutta2023_*.png (the extra "plots": matplotlib).
+5 s; boom tip z: FP-AR(16)2 and (12)2 from 1000, windows of 2 s. "long" trains on all samples, with more basis
+functions. `--quick` flies a third of the time. `--plots` writes out/dutta2023_*.png (the extra "plots": matplotlib).
 """
 
 import argparse
@@ -57,9 +57,8 @@ def main() -> None:
     hub = model(told, "az", (43, 38), (2, 2), 5000, 5.0)
     boom = model(told, BOOM, (16, 12), (2, 2), 1000, 2.0)
     structures(told)
-    print(
-        "\n| signal, training | mean error | printed interval | covers | paper: error, interval |\n|---|---|---|---|---|"
-    )
+    print("\n| signal, training | mean error | printed interval | covers | paper: error, interval |")
+    print("|---|---|---|---|---|")
     curves = {}
     for name, which, made in (
         ("hub z", "as the paper", hub),

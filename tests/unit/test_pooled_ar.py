@@ -40,11 +40,11 @@ def flight(rotor: int, k: float, seconds: float, seed: int, loud: float = 1.0) -
 
 def learned(channel: str = "az", loud: float = 1.0, **changes: object) -> PooledModel:
     rows = [(0, 0.0), *[(rotor, k) for rotor in (0, 1) for k in STEPS]]
-    fitted = [flight(rotor, k, 40.0, 10 + i, loud) for i, (rotor, k) in enumerate(rows)]
+    fitted = [flight(rotor, k, 30.0, 10 + i, loud) for i, (rotor, k) in enumerate(rows)]
     held_out = [
-        flight(rotor, k, 40.0, 100 + 10 * rotor + i, loud) for rotor in (0, 1) for i, k in enumerate(BETWEEN)
+        flight(rotor, k, 20.0, 100 + 10 * rotor + i, loud) for rotor in (0, 1) for i, k in enumerate(BETWEEN)
     ]
-    healthy = [flight(0, 0.0, 120.0, 200 + i, loud) for i in range(5)]
+    healthy = [flight(0, 0.0, 60.0, 200 + i, loud) for i in range(5)]
     settings = TrainingSettings(
         "test", "calm", RATE, (channel,), orders=(2, 4), basis=(2, 3), value_window=4.0
     )
@@ -82,7 +82,7 @@ def test_training_learns_the_law(model: PooledModel) -> None:
     assert model.names > 0.9
     assert 0.0 <= model.bias < 0.05
     assert 0.05 < model.threshold < 0.5
-    assert model.healthy_time == pytest.approx(550.0)  # the last window of each flight is cut short
+    assert model.healthy_time == pytest.approx(250.0)  # the last window of each flight is cut short
     for part in model.parts:
         np.testing.assert_allclose(part.variance, 1.0, atol=0.1)
 
