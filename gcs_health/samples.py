@@ -307,6 +307,13 @@ class ImuReading(NamedTuple):
     r: float
 
 
+class BoomReading(NamedTuple):
+    """Specific force at the booms' tips, downward [m/s²], in the airframe's rotor order; NaN = no sensor."""
+
+    t: float
+    az: tuple[float, ...]
+
+
 class RotorReading(NamedTuple):
     """Speeds [rad/s, ≥ 0] in the airframe's rotor order; NaN = nothing new of this rotor in this reading.
 
@@ -369,6 +376,7 @@ class VibrationReading(NamedTuple):
 
 Reading = (
     ImuReading
+    | BoomReading
     | RotorReading
     | CommandReading
     | FlightReading

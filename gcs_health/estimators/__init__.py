@@ -14,6 +14,7 @@ REGISTRY: dict[str, tuple[str, str]] = {
     "effectiveness": ("gcs_health.estimators.effectiveness", "EffectivenessEstimator"),
     "unbalance": ("gcs_health.estimators.unbalance", "UnbalanceEstimator"),
     "motor_observer": ("gcs_health.estimators.motor_observer", "MotorObserver"),
+    "pooled_ar": ("gcs_health.estimators.pooled_ar", "PooledArEstimator"),
 }
 
 

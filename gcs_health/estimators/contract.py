@@ -64,6 +64,15 @@ class Reason(StrEnum):
     NOT_IDENTIFIABLE = "not_identifiable"
     LINE_NOT_IN_TELEMETRY = "line_not_in_telemetry"
     NO_BASELINE = "no_baseline"
+    MODEL_RATE = "model_rate"
+    MODEL_FILTER = "model_filter"
+    MODEL_SIGNAL = "model_signal"
+    UNMODELLED = "unmodelled"
+    UNSTEADY = "unsteady"
+    FILLING = "filling"
+    NO_COMMANDS = "no_commands"
+    SHARE_UNKNOWN = "share_unknown"
+    OPPOSITE_ALIKE = "opposite_alike"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -99,6 +108,15 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.NOT_IDENTIFIABLE: "not identifiable: which rotor it is cannot be told",
     Reason.LINE_NOT_IN_TELEMETRY: "the rotor's vibration does not pass the filters before this telemetry",
     Reason.NO_BASELINE: "no healthy baseline of this configuration to compare with",
+    Reason.MODEL_RATE: "the sensor's rate differs from the one that the model was trained at",
+    Reason.MODEL_FILTER: "the sensor is filtered otherwise than when the model was trained",
+    Reason.MODEL_SIGNAL: "the signal that the model was trained on does not come",
+    Reason.UNMODELLED: "no trained model explains the vibration: other air, another vehicle or another fault",
+    Reason.UNSTEADY: "the vibration is not steady enough to be measured",
+    Reason.FILLING: "the window of samples is still filling, or has gaps",
+    Reason.NO_COMMANDS: "without motor commands the speeds of so few rotors cannot show a slow one",
+    Reason.SHARE_UNKNOWN: "this vehicle's own healthy rotor speeds are still being learned",
+    Reason.OPPOSITE_ALIKE: "the opposite rotor would look the same: commands or the onset would tell",
 }
 
 

@@ -18,6 +18,22 @@ MODES = 2
 
 def modes(boom: Boom) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and tip deflections [1/sqrt(kg)] of the first modes, mass-normalised."""
+    values, vectors = _ritz(boom)
+    return values, np.abs(vectors.sum(axis=0))
+
+
+def participation(boom: Boom) -> tuple[Array, Array]:
+    """Return what each mode takes of the clamp's motion: int phi dm [sqrt(kg)], int phi l dm [m sqrt(kg)]."""
+    _, vectors = _ritz(boom)
+    vectors = vectors * np.sign(vectors.sum(axis=0))
+    length, line, tip = boom.length, boom.line_mass, boom.tip_mass
+    shear = [line * length / (a + 1) + tip for a in POWERS]
+    bending = [line * length**2 / (a + 2) + tip * length for a in POWERS]
+    return np.array(shear) @ vectors, np.array(bending) @ vectors
+
+
+def _ritz(boom: Boom) -> tuple[Array, Array]:
+    """Return frequencies [rad/s] and Ritz coefficients (4, modes) of the first modes, mass-normalised."""
     from scipy.linalg import eigh
 
     length = boom.length
@@ -28,8 +44,7 @@ def modes(boom: Boom) -> tuple[Array, Array]:
             M[i, j] = boom.line_mass * length / (a + b + 1) + boom.tip_mass
             K[i, j] = boom.stiffness / length**3 * a * (a - 1) * b * (b - 1) / (a + b - 3)
     values, vectors = eigh(K, M)
-    tip = vectors.sum(axis=0)
-    return np.sqrt(values[:MODES]), np.abs(tip[:MODES])
+    return np.sqrt(values[:MODES]), vectors[:, :MODES]
 
 
 class Booms:
