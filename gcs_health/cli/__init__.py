@@ -76,7 +76,11 @@ def _parser() -> argparse.ArgumentParser:
         "serial://DEVICE:BAUD, file://PATH, or as mavutil spells them",
     )
     _monitor_options(live)
-    live.add_argument("--record", metavar="FILE.tlog", help="record what is received")
+    live.add_argument(
+        "--record",
+        metavar="WHERE",
+        help="record what is received, a file a flight: FILE.tlog, FILE-2.tlog ..., or into a folder",
+    )
     live.add_argument(
         "--request-rates",
         action="store_true",
@@ -186,6 +190,9 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         default=10.0,
         metavar="HZ",
         help="at most so many estimates a second and rotor, up to 10 (default)",
+    )
+    parser.add_argument(
+        "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
     parser.add_argument(

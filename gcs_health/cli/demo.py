@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
         links, port = _listen()
         with links:
             told = Told(output)
-            session = Session(monitor, told, links, None, request=False)  # type: ignore[arg-type]
+            session = Session(monitor, told, links, request=False)  # type: ignore[arg-type]
             vehicle = _start(options, port)
             try:
                 session.listen(length + 1.0)
@@ -58,6 +58,10 @@ class Told:
             event for event in events if isinstance(event, AlertEvent) and event.state == "raised"
         ]
         self._output.write(events, at_once=at_once)
+
+    def poll(self, now_us: int) -> None:
+        """See `Output.poll`."""
+        self._output.poll(now_us)
 
     def verdict(self, fault: Fault) -> str:
         """Say in a sentence whether a fault was found, and how fast."""

@@ -2,13 +2,15 @@
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TextIO
+from typing import Protocol, Self, TextIO
 
 from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.errors import ConfigError
+from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
@@ -16,8 +18,10 @@ from gcs_health.vehicle_file import load_vehicle
 KEY_LENGTH = 32
 
 
-def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool = False) -> Monitor:
-    """Return a monitor as the options ask.
+def make_monitor(
+    options: argparse.Namespace, *, stamped: bool, raw_tap: Callable[[FrameBatch], None] | None = None
+) -> Monitor:
+    """Return a monitor as the options ask; `raw_tap` hears of all frames.
 
     Raises
     ------
@@ -31,7 +35,7 @@ def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool =
             estimate_rate=options.estimate_rate,
             keys=(_key(options.signing_key),) if options.signing_key else (),
             stamped=stamped,
-            keep_raw=keep_raw,
+            raw_tap=raw_tap,
         )
     )
 
@@ -54,18 +58,41 @@ def _key(path: str) -> bytes:
     return key
 
 
+class Receiver(Protocol):
+    """Whoever else takes the events: a recorder, a store, a sink. `notices` are told and emptied."""
+
+    @property
+    def notices(self) -> list[str]:
+        """What is to be told."""
+        ...
+
+    def take(self, events: Sequence[Event]) -> None:
+        """Take events; never raises for want of a disk, a server or a network."""
+        ...
+
+    def poll(self, now_us: int) -> None:
+        """Do what time alone causes, at UNIX µs."""
+        ...
+
+    def close(self) -> None:
+        """End of the session."""
+        ...
+
+
 class Output:
-    """Writes events: JSON lines where asked, text for people. A context manager.
+    """Writes events: JSON lines where asked, text for people, and to its receivers. A context manager.
 
     Attributes
     ----------
     raised : whether any alert was raised.
     vehicles : summaries seen.
+    receivers : closed with the output, in their order.
 
     Text goes to standard output, or to standard error where the JSON lines have standard output.
     """
 
-    def __init__(self, jsonl: str | None) -> None:
+    def __init__(self, jsonl: str | None, receivers: Iterable[Receiver] = ()) -> None:
+        self.receivers = list(receivers)
         self.raised = False
         self.vehicles = 0
         self._first = True
@@ -88,9 +115,30 @@ class Output:
     ) -> None:
         if self._own is not None:
             self._own.close()
+        _close(self.receivers)
 
-    def write(self, events: Iterable[Event], *, at_once: bool) -> None:
+    @contextmanager
+    def joined_by(self, receivers: Sequence[Receiver]) -> Iterator[None]:
+        """Take in receivers for a while, then close them."""
+        before = self.receivers
+        self.receivers = [*receivers, *before]
+        try:
+            yield
+        finally:
+            self.receivers = before
+            _close(receivers)
+
+    def poll(self, now_us: int) -> None:
+        """Let receivers do what time alone causes, at UNIX µs."""
+        for receiver in self.receivers:
+            receiver.poll(now_us)
+            _tell(receiver)
+
+    def write(self, events: Sequence[Event], *, at_once: bool) -> None:
         """Write events; `at_once` prints alerts and notices as they come (else the summary has them)."""
+        if events:
+            for receiver in self.receivers:
+                receiver.take(events)
         for event in events:
             if self._lines is not None:
                 self._lines.write(to_json(event, self._first) + "\n")
@@ -106,3 +154,15 @@ class Output:
                 print(summary_text(event), file=self.text, flush=True)
         if at_once and self._lines is not None:
             self._lines.flush()
+
+
+def _close(receivers: Iterable[Receiver]) -> None:
+    for receiver in receivers:
+        receiver.close()
+        _tell(receiver)
+
+
+def _tell(receiver: Receiver) -> None:
+    for notice in receiver.notices:
+        print(f"gcs-health: {notice}", file=sys.stderr, flush=True)
+    receiver.notices.clear()

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.cli.receivers import evidence_of, options_for
 from gcs_health.errors import GcsHealthError, LogError
 from gcs_health.mavlink.tlog import Log, open_log
+from gcs_health.pipeline import Monitor
 
 
 def run(options: argparse.Namespace) -> int:
@@ -17,7 +19,8 @@ def run(options: argparse.Namespace) -> int:
     with Output(options.jsonl) as output:
         for name in options.files:
             try:
-                _replay(name, options, output)
+                with options_for(options, name) as chosen:
+                    _replay(name, chosen, output)
             except GcsHealthError as error:
                 print(f"gcs-health: {error}", file=sys.stderr)
                 code = BAD_INPUT
@@ -27,17 +30,22 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _replay(name: str, options: argparse.Namespace, output: Output) -> None:
-    with open_log(name) as log:
-        monitor = make_monitor(options, stamped=log.stamped)
-        seen = output.vehicles
-        if len(options.files) > 1:
-            print(f"== {log.name}", file=output.text)
-        for block in _with_progress(log):
-            output.write(monitor.feed(block), at_once=False)
-        output.write(monitor.finish(), at_once=False)
-        if output.vehicles == seen:
-            systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
-            raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
+    with open_log(name) as log, evidence_of(options, name) as (receivers, raw_tap):
+        monitor = make_monitor(options, stamped=log.stamped, raw_tap=raw_tap)
+        with output.joined_by(receivers):
+            _feed(monitor, log, options, output)
+
+
+def _feed(monitor: Monitor, log: Log, options: argparse.Namespace, output: Output) -> None:
+    seen = output.vehicles
+    if len(options.files) > 1:
+        print(f"== {log.name}", file=output.text)
+    for block in _with_progress(log):
+        output.write(monitor.feed(block), at_once=False)
+    output.write(monitor.finish(), at_once=False)
+    if output.vehicles == seen:
+        systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
+        raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
 
 
 def _with_progress(log: Log) -> Iterator[bytes]:

@@ -115,13 +115,18 @@ def to_json(event: Event, first: bool = False) -> str:
     NaN and infinities become null: JSON has neither. Floats are written by repr, so that equal values
     give equal bytes.
     """
+    line = as_object(event)
+    return _encode({"schema": SCHEMA, **line} if first else line)
+
+
+def as_object(event: Event) -> dict[str, object]:
+    """Return an event as its JSON line has it."""
     kind = type(event)
-    line: dict[str, object] = {"schema": SCHEMA} if first else {}
-    line["type"] = _TYPE[kind]
+    line: dict[str, object] = {"type": _TYPE[kind]}
     for name, value in zip(kind._fields, event, strict=True):
         kept = type(value) is str or type(value) is int or (type(value) is float and value - value == 0.0)
         line[name] = value if kept else plain(value)
-    return _encode(line)
+    return line
 
 
 def lines(events: Iterable[Event]) -> Iterator[str]:

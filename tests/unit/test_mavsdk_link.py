@@ -248,11 +248,11 @@ def connected(*vehicles: int, frames: list[tuple[float, bytes]] | None = None) -
 
 def recorded(speed: float) -> list[tuple[float, bytes]]:
     """Return (seconds from the start, frame) of the recorded flight."""
-    monitor = Monitor(MonitorConfig(stamped=True, keep_raw=True))
+    raw: list[tuple[int, bytes]] = []
+    monitor = Monitor(MonitorConfig(stamped=True, raw_tap=lambda batch: raw.extend(batch.raw())))
     with open_log(str(FLIGHT)) as log:
         for block in log.blocks():
             monitor.feed(block, 0)
-    raw = monitor.take_raw()
     return [((stamp - raw[0][0]) / 1e6 / speed, frame) for stamp, frame in raw]
 
 
