@@ -15,7 +15,7 @@ from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Need, effectiveness_needs
-from gcs_health.record.describe import describe_airframe
+from gcs_health.record.describe import describe_airframe, hardware_uid
 from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VehicleEvent
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
@@ -28,6 +28,7 @@ from gcs_health.samples import (
     Heartbeat,
     Imu,
     LandedState,
+    Other,
     Outputs,
     Parameter,
     Reading,
@@ -82,6 +83,7 @@ class VehicleMonitor:
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.is_vehicle = False
+        self.uid: str | None = None
         self.airframe: Airframe | None = None
         self.first_t = self.last_t = math.nan
         self.last_us = 0
@@ -117,6 +119,7 @@ class VehicleMonitor:
             Parameter: self._on_parameter,
             Battery: self._on_battery,
             Vibration: self._on_vibration,
+            Other: self._on_other,
         }
         if airframe is not None:
             self._adopt(airframe)
@@ -191,8 +194,11 @@ class VehicleMonitor:
         elif changed:
             self._say("identity", "the autopilot or vehicle type was heard")
         if sample.armed is not self._armed:
+            news = sample.armed or self._armed is not None
             self._armed = sample.armed
             self._tell_flight(t)
+            if news:
+                self._say("flight", "armed" if sample.armed else "disarmed")
 
     def _on_landed_state(self, t: float, sample: LandedState) -> None:
         self._landed_heard += 1
@@ -220,6 +226,14 @@ class VehicleMonitor:
 
     def _on_vibration(self, t: float, sample: Vibration) -> None:
         self._read(VibrationReading(t, sample.x, sample.y, sample.z))
+
+    def _on_other(self, t: float, sample: Other) -> None:
+        if sample.name != "AUTOPILOT_VERSION":
+            return
+        uid = hardware_uid(sample.fields)
+        if uid is not None and uid != self.uid:
+            self.uid = uid
+            self._say("identity", f"the autopilot's hardware is {uid}")
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
         self.imu.set_parameter(sample.name, sample.number)
@@ -363,6 +377,8 @@ class VehicleMonitor:
                 self.autopilot,
                 self.vehicle_type,
                 None if self.airframe is None else describe_airframe(self.airframe),
+                self._armed,
+                self.uid,
             )
         )
 

@@ -7,14 +7,18 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs_health import __version__
 from gcs_health.cli.monitoring import Receiver
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.record.evidence import EvidenceWriter, Packet, is_packet
+from gcs_health.record.history_keeper import HistoryKeeper, StoreError
 from gcs_health.record.recorder import Recorder
+
+if TYPE_CHECKING:
+    from gcs_health.record.history import History
 
 RawTap = Callable[[FrameBatch], None]
 
@@ -31,15 +35,40 @@ def live_receivers(options: argparse.Namespace) -> Iterator[tuple[list[Receiver]
     ------
     ConfigError : a file or folder that they need cannot be made.
     """
+    others = history_of(options)
     if not options.record:
-        with evidence_of(options, None) as found:
-            yield found
+        with evidence_of(options, None) as (receivers, raw_tap):
+            yield [*receivers, *others], raw_tap
         return
     recorder = Recorder(options.record)
     folder = Path(options.record) if options.evidence is None else Path(options.evidence)
     if options.evidence is None and folder.suffix == ".tlog":
         folder = folder.parent
-    yield [_writer(options, folder, recorder, None), recorder], recorder.write
+    yield [_writer(options, folder, recorder, None), recorder, *others], recorder.write
+
+
+def history_of(options: argparse.Namespace) -> list[Receiver]:
+    """Give what keeps the flights' results, if asked for.
+
+    Raises
+    ------
+    ConfigError : a store that was named cannot be used. The default one that cannot is only told.
+    """
+    if options.history == "none":
+        return []
+
+    def opens() -> "History":
+        from gcs_health.record.history import History, default_url
+
+        return History(default_url() if options.history == "default" else options.history)
+
+    if options.history == "default":
+        return [HistoryKeeper(opens)]  # SQLAlchemy loads in its thread, when the first flight ends
+    try:
+        opened = opens()
+    except StoreError as error:
+        raise ConfigError(str(error)) from None
+    return [HistoryKeeper(lambda: opened)]
 
 
 @contextmanager

@@ -21,10 +21,12 @@ class VehicleEvent(NamedTuple):
     Attributes
     ----------
     t, t_unix_us, vehicle : the common head.
-    change : what changed: "seen", "airframe", "telemetry", "clock", "link", "notice".
+    change : what changed: "seen", "identity", "airframe", "flight" (armed or disarmed), "clock", "notice".
     text : the change in one sentence.
     autopilot, vehicle_type : MAV_AUTOPILOT and MAV_TYPE; None if unheard.
     airframe : name, source, metric, rotors and warnings; None while unknown.
+    armed : as the last HEARTBEAT said; None if unheard.
+    uid : of the autopilot's hardware, hexadecimal, from AUTOPILOT_VERSION; None if unheard.
     """
 
     t: float
@@ -35,6 +37,8 @@ class VehicleEvent(NamedTuple):
     autopilot: int | None = None
     vehicle_type: int | None = None
     airframe: dict[str, Value] | None = None
+    armed: bool | None = None
+    uid: str | None = None
 
 
 class EstimateEvent(NamedTuple):

@@ -30,7 +30,7 @@ def test_help_and_version_load_nothing_heavy(option: str) -> None:
     code = (
         "import sys\nfrom gcs_health.cli import main\n"
         f"try:\n    main([{option!r}])\nexcept SystemExit as end:\n    assert end.code == 0\n"
-        "heavy = {'numpy', 'pymavlink', 'textual', 'scipy', 'mavsdk', 'rich'} & set(sys.modules)\n"
+        "heavy = {'numpy', 'pymavlink', 'textual', 'scipy', 'mavsdk', 'rich', 'sqlalchemy'} & set(sys.modules)\n"
         "assert not heavy, heavy"
     )
     done = subprocess.run(
