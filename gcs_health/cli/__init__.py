@@ -235,6 +235,14 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         help="at most so many estimates a second and rotor, up to 10 (default)",
     )
     parser.add_argument(
+        "--sink",
+        action="append",
+        default=[],
+        metavar="SPEC",
+        help="send alerts on, as often as wanted: bell, jsonl:FILE, command:ARGV, syslog[:ADDRESS], mqtt://HOST, "
+        "prometheus:PORT, apprise:URL, mavlink:ENDPOINT (transmits)",
+    )
+    parser.add_argument(
         "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")

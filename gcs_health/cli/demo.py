@@ -8,6 +8,7 @@ import sys
 from gcs_health.cli import DONE, INTERRUPTED
 from gcs_health.cli.live import Session
 from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.cli.receivers import evidence_of, sinks_of
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.spellings import parse_endpoint
 from gcs_health.record.events import AlertEvent, Event
@@ -24,9 +25,12 @@ def run(options: argparse.Namespace) -> int:
     scenario = load_scenario(options.scenario, options.set)
     length = (scenario.trajectory.duration - SKIP) / options.speed
     print(f"{scenario.about} It flies {length:.0f} s, over UDP on this computer; Ctrl-C ends it.", flush=True)
-    monitor = make_monitor(options, stamped=False)
     code = DONE
-    with Output(options.jsonl) as output:
+    with (
+        evidence_of(options, "demo") as (receivers, raw_tap),
+        Output(options.jsonl, [*receivers, *sinks_of(options)]) as output,
+    ):
+        monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
         links, port = _listen()
         with links:
             told = Told(output)

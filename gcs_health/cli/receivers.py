@@ -16,6 +16,8 @@ from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.record.evidence import EvidenceWriter, Packet, is_packet
 from gcs_health.record.history_keeper import HistoryKeeper, StoreError
 from gcs_health.record.recorder import Recorder
+from gcs_health.sinks import parse_sink
+from gcs_health.sinks.outlet import Outlet
 
 if TYPE_CHECKING:
     from gcs_health.record.history import History
@@ -35,7 +37,7 @@ def live_receivers(options: argparse.Namespace) -> Iterator[tuple[list[Receiver]
     ------
     ConfigError : a file or folder that they need cannot be made.
     """
-    others = history_of(options)
+    others = [*history_of(options), *sinks_of(options)]
     if not options.record:
         with evidence_of(options, None) as (receivers, raw_tap):
             yield [*receivers, *others], raw_tap
@@ -69,6 +71,17 @@ def history_of(options: argparse.Namespace) -> list[Receiver]:
     except StoreError as error:
         raise ConfigError(str(error)) from None
     return [HistoryKeeper(lambda: opened)]
+
+
+def sinks_of(options: argparse.Namespace, *, patient: bool = False) -> list[Receiver]:
+    """Give the sinks asked for, each in its thread; `patient` ones hold back a replay that outruns them.
+
+    Raises
+    ------
+    ConfigError : one is not spelled right, or lacks its package.
+    """
+    sinks = [parse_sink(spec) for spec in options.sink]  # all are right before the first is opened
+    return [Outlet(sink, patient=patient) for sink in sinks]
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import Output, make_monitor
-from gcs_health.cli.receivers import evidence_of, history_of, options_for
+from gcs_health.cli.receivers import evidence_of, history_of, options_for, sinks_of
 from gcs_health.errors import GcsHealthError, LogError
 from gcs_health.mavlink.tlog import Log, open_log
 from gcs_health.pipeline import Monitor
@@ -16,7 +16,8 @@ def run(options: argparse.Namespace) -> int:
     """Replay every file; an unreadable one is told and the rest still done."""
     code = DONE
     make_monitor(options, stamped=True)  # what is wrong with the options is wrong for every file
-    with Output(options.jsonl, history_of(options)) as output:
+    receivers = [*history_of(options), *sinks_of(options, patient=True)]
+    with Output(options.jsonl, receivers) as output:
         for name in options.files:
             try:
                 with options_for(options, name) as chosen:
