@@ -94,10 +94,10 @@ class Recorder:
         """Append events to the lines beside the flight."""
         if self._lines is None:
             return
-        for event in events:
-            line = to_json(event, self._first_line) + "\n"
+        text = "".join(to_json(event, self._first_line and k == 0) + "\n" for k, event in enumerate(events))
+        if text:
             self._first_line = False
-            self._lines.append(line.encode(), self._now_us)
+            self._lines.append(text.encode(), self._now_us)
 
     def poll(self, now_us: int) -> None:
         """Try again what a full disk refused."""
