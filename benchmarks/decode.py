@@ -29,8 +29,8 @@ from pymavlink.dialects.v20 import all as stock
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
+from gcs_health.mavlink.tlog import BLOCK
 
-BLOCK = 1 << 18
 START_US = 1_700_000_000_000_000
 
 

@@ -9,19 +9,13 @@ from enum import StrEnum
 
 PX4, ARDUPILOT = 12, 3  # MAV_AUTOPILOT
 
-# Least rates at which the effectiveness estimator answers [Hz]: below 20 Hz of IMU one sample spans
-# the whole event, below 5 Hz of rotor speed a loss is older than a second before it can be told.
-LEAST_IMU_RATE = 20.0
-LEAST_ROTOR_RATE = 5.0
-WANTED_IMU_RATE = 50.0
-WANTED_ROTOR_RATE = 10.0
-
 
 class Input(StrEnum):
     """What an estimator takes from the stream."""
 
     IMU = "accelerations and rates"
     ROTOR_SPEED = "rotor speeds"
+    CURRENT = "motor currents"
     LANDED_STATE = "landed state"
     AIRFRAME = "airframe geometry"
 
@@ -62,6 +56,14 @@ _REMEDY: dict[tuple[Input, int], str] = {
         "ask for ESC_TELEMETRY_1_TO_4: MAV_CMD_SET_MESSAGE_INTERVAL (511) param1=11030 param2=100000; "
         "the ESCs must report: SERVO_BLH_BDMASK (bidirectional DShot) or SERVO_BLH_AUTO, or CAN"
     ),
+    (Input.CURRENT, PX4): (
+        "the ESCs must measure it and report: DSHOT_TEL_CFG (telemetry wire) or UAVCAN_ENABLE 3 for CAN; "
+        "bidirectional DShot alone has none"
+    ),
+    (Input.CURRENT, ARDUPILOT): (
+        "the ESCs must measure it and report: SERVO_BLH_AUTO with the telemetry wire, or CAN; "
+        "bidirectional DShot alone has none"
+    ),
     (Input.LANDED_STATE, PX4): (
         "ask for EXTENDED_SYS_STATE: MAV_CMD_SET_MESSAGE_INTERVAL (511) param1=245 param2=1000000"
     ),
@@ -86,26 +88,65 @@ def remedy(what: Input, autopilot: int | None) -> str:
     return f"PX4: {_REMEDY[what, PX4]}. ArduPilot: {_REMEDY[what, ARDUPILOT]}"
 
 
-def effectiveness_needs(
-    imu_rate: float, rotor_rate: float, landed_rate: float, airframe_known: bool, autopilot: int | None
-) -> tuple[Need, ...]:
-    """List what the effectiveness estimator needs against what the stream has.
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What a vehicle's stream has: received rates [Hz], 0 = none.
 
-    Parameters
+    Attributes
     ----------
-    imu_rate, rotor_rate, landed_rate : received rates [Hz]; 0 = none.
     airframe_known : whether the geometry came from a file or from parameters.
     autopilot : MAV_AUTOPILOT, None if unheard.
+    """
+
+    imu: float
+    rotor: float
+    current: float
+    landed: float
+    airframe_known: bool
+    autopilot: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Rates that an estimator works from, and those at which it does well [Hz]; None = it does not use it."""
+
+    imu: tuple[float, float] | None = None
+    rotor: tuple[float, float] | None = None
+    current: tuple[float, float] | None = None
+
+
+# (least, wanted). Effectiveness: below 20 Hz of IMU one sample spans the whole event, below 5 Hz of rotor speed a
+# loss is older than a second before it can be told (sheet 1 section 10). Unbalance: lines fold onto one another
+# below 50 Hz, phase is lost below 10 Hz of rotor speed (sheet 2 section 6). Motor observer: currents sampled more
+# seldom than 10 Hz alias (sheet 3). Pooled AR: 50 Hz says nothing in gusts (sheet 4 section 7).
+RATES: dict[str, Rates] = {
+    "effectiveness": Rates(imu=(20.0, 50.0), rotor=(5.0, 10.0)),
+    "unbalance": Rates(imu=(45.0, 100.0), rotor=(9.0, 50.0)),
+    "motor_observer": Rates(rotor=(9.0, 50.0), current=(9.0, 50.0)),
+    "pooled_ar": Rates(imu=(90.0, 200.0)),
+}
+
+
+def estimator_needs(estimator: str, stream: Stream) -> tuple[Need, ...]:
+    """List what an estimator needs against what the stream has.
 
     The landed state is optional: without it the flight phase is told from rotor speeds alone.
     """
+    rates = RATES.get(estimator, Rates())
 
     def need(what: Input, rate: float, wanted: float, met: bool) -> Need:
-        return Need(what, rate, wanted, met, "" if met else remedy(what, autopilot))
+        return Need(what, rate, wanted, met, "" if met else remedy(what, stream.autopilot))
 
-    return (
-        need(Input.IMU, imu_rate, WANTED_IMU_RATE, imu_rate >= LEAST_IMU_RATE),
-        need(Input.ROTOR_SPEED, rotor_rate, WANTED_ROTOR_RATE, rotor_rate >= LEAST_ROTOR_RATE),
-        need(Input.AIRFRAME, float("nan"), float("nan"), airframe_known),
-        need(Input.LANDED_STATE, landed_rate, 1.0, landed_rate > 0),
-    )
+    out = []
+    for what, pair, rate in (
+        (Input.IMU, rates.imu, stream.imu),
+        (Input.ROTOR_SPEED, rates.rotor, stream.rotor),
+        (Input.CURRENT, rates.current, stream.current),
+    ):
+        if pair is not None:
+            least, wanted = pair
+            out.append(need(what, rate, wanted, rate >= least))
+    out.append(need(Input.AIRFRAME, float("nan"), float("nan"), stream.airframe_known))
+    if estimator == "effectiveness":
+        out.append(need(Input.LANDED_STATE, stream.landed, 1.0, stream.landed > 0))
+    return tuple(out)

@@ -153,11 +153,13 @@ class RotorTelemetry:
     ----------
     escs : what each ESC index has shown.
     repeats : ESC_STATUS batches that were copies of ESC 0-3.
+    gives_current : whether any ESC has told a current.
     """
 
     def __init__(self) -> None:
         self.escs: dict[int, _Esc] = {}
         self.repeats = 0
+        self.gives_current = False
         self._rotor_of: dict[int, int] = {}  # by ESC index
         self._motors: tuple[tuple[int, int], ...] = ()  # (motor, ESC index) of each rotor
         self._channels: dict[int, int] = {}  # given, by motor
@@ -344,6 +346,8 @@ class RotorTelemetry:
             rotor = self._rotor_of.get(index)
             if rotor is not None:
                 speeds[rotor], currents[rotor], volts[rotor], any_known = speed, current, voltage, True
+                if current > 0.0:
+                    self.gives_current = True
         return RotorReading(t, tuple(speeds), tuple(currents), tuple(volts)) if any_known else None
 
     def _find_channels(self) -> None:

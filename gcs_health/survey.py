@@ -50,7 +50,7 @@ class VehicleSurvey:
     imu: str
     rotor_telemetry: tuple[str, ...]
     gaps: tuple[tuple[float, float], ...]  # (vehicle clock [s], length [s])
-    needs: tuple[Need, ...]
+    needs: dict[str, tuple[Need, ...]]  # by estimator
 
 
 @dataclass(frozen=True, slots=True)

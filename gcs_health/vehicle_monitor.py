@@ -12,11 +12,25 @@ from gcs_health.errors import AirframeError
 from gcs_health.estimator_bench import EstimatorBench
 from gcs_health.estimators.contract import Estimate
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
-from gcs_health.fusion.alerts import Alert, AlertDesk
+from gcs_health.fusion.alerts import Alert
+from gcs_health.fusion.autopilot_words import AutopilotWords
+from gcs_health.fusion.panel import RotorPanel
+from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
-from gcs_health.needs import Need, effectiveness_needs
-from gcs_health.record.describe import describe_airframe, hardware_uid
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VehicleEvent
+from gcs_health.needs import Input, Need, Stream, estimator_needs
+from gcs_health.record.describe import (
+    alert_event,
+    describe_airframe,
+    estimate_event,
+    hardware_uid,
+    verdict_event,
+)
+from gcs_health.record.events import (
+    AlertEvent,
+    AutopilotEvent,
+    Event,
+    VehicleEvent,
+)
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
     Battery,
@@ -33,6 +47,7 @@ from gcs_health.samples import (
     Parameter,
     Reading,
     Sample,
+    StatusText,
     Vibration,
     VibrationReading,
 )
@@ -44,7 +59,6 @@ ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the g
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 CLOCK_WAIT_US = 2_000_000  # events wait so long for a first stamped message
 ON_GROUND = 1  # MAV_LANDED_STATE
-ALARMING = "effectiveness"  # the estimator whose failures raise alerts
 UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
 
@@ -99,7 +113,9 @@ class VehicleMonitor:
         self._due = -math.inf
         self._parameters = AirframeParameters()
         self._bench: EstimatorBench | None = None
-        self._desk: AlertDesk | None = None
+        self._panel: RotorPanel | None = None
+        self._words = AutopilotWords()
+        self._told: dict[int, Verdict] = {}
         self._armed: bool | None = None
         self._landed: bool | None = None
         self._landed_heard = 0
@@ -114,12 +130,13 @@ class VehicleMonitor:
             Imu: self._on_imu,
             EscStatus: self._on_rotors,
             EscTelemetry: self._on_rotors,
-            EscInfo: self._on_rotors,
+            EscInfo: self._on_esc_info,
+            StatusText: self._on_words,
+            Other: self._on_other,
             Outputs: self._on_rotors,
             Parameter: self._on_parameter,
             Battery: self._on_battery,
             Vibration: self._on_vibration,
-            Other: self._on_other,
         }
         if airframe is not None:
             self._adopt(airframe)
@@ -165,12 +182,19 @@ class VehicleMonitor:
         key = (estimate.estimator, estimate.quantity, estimate.rotor)
         return self._bench.worst.get(key, estimate) if self._bench is not None else estimate
 
-    def needs(self) -> tuple[Need, ...]:
-        """List what the estimator needs against what the stream has."""
+    def needs(self) -> dict[str, tuple[Need, ...]]:
+        """List what each estimator needs against what the stream has, by its name."""
         span = self.last_t - self.first_t
-        landed = self._landed_heard / span if span > 0 else 0.0
-        known = self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED
-        return effectiveness_needs(self.imu.rate(), self._rotor_rate(), landed, known, self.autopilot)
+        rotor = self._rotor_rate()
+        stream = Stream(
+            self.imu.rate(),
+            rotor,
+            rotor if self.rotors.gives_current else 0.0,
+            self._landed_heard / span if span > 0 else 0.0,
+            self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED,
+            self.autopilot,
+        )
+        return {name: estimator_needs(name, stream) for name in self._names}
 
     def missing_parameters(self) -> str:
         """Say which parameters a geometry begun still lacks; empty if none."""
@@ -195,6 +219,8 @@ class VehicleMonitor:
             self._say("identity", "the autopilot or vehicle type was heard")
         if sample.armed is not self._armed:
             news = sample.armed or self._armed is not None
+            if sample.armed and self._armed is False and self._panel is not None:
+                self._alerts(self._panel.new_flight(t))
             self._armed = sample.armed
             self._tell_flight(t)
             if news:
@@ -221,6 +247,19 @@ class VehicleMonitor:
         if reading is not None:
             self._read(reading)
 
+    def _on_esc_info(self, t: float, sample: EscInfo) -> None:
+        self._on_rotors(t, sample)
+        if self._panel is not None:
+            self._panel.esc_info(t, sample)
+
+    def _on_words(self, t: float, sample: StatusText | Other) -> None:
+        word = self._words.feed(sample)
+        if word is not None and not word.before_arming:
+            relation = self._panel.relation(word) if self._panel is not None else "alone"
+            self._pending.append(
+                AutopilotEvent(t, self.last_us, self.vehicle, word.opinion, word.motors, word.text, relation)
+            )
+
     def _on_battery(self, t: float, sample: Battery) -> None:
         self._read(BatteryReading(t, sample.voltage, sample.current))
 
@@ -229,6 +268,7 @@ class VehicleMonitor:
 
     def _on_other(self, t: float, sample: Other) -> None:
         if sample.name != "AUTOPILOT_VERSION":
+            self._on_words(t, sample)
             return
         uid = hardware_uid(sample.fields)
         if uid is not None and uid != self.uid:
@@ -308,16 +348,32 @@ class VehicleMonitor:
         self._tell_needs(t)
         if self._bench is not None:
             estimates = self._bench.routine(t)
-            self._pending += [self._estimate_event(estimate) for estimate in estimates]
+            assert self.airframe is not None
+            head = (self.airframe, self.last_us, self.vehicle)
+            self._pending += [estimate_event(estimate, *head) for estimate in estimates]
             self._judge(estimates)
+            if self._panel is not None:
+                self._alerts(self._panel.routine(t, self.rotors, self._flies()))
+                self._tell_verdicts(self._panel.verdicts)
         self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
-        if self._desk is None:
-            return
-        for estimate in estimates:
-            if estimate.estimator == ALARMING:
-                self._pending += [self._alert_event(alert) for alert in self._desk.feed(estimate)]
+        if self._panel is not None:
+            self._alerts(self._panel.feed(estimates))
+
+    def _flies(self) -> bool:
+        """Whether the vehicle flies, as far as the autopilot says."""
+        return self._armed is not False and self._landed is not True
+
+    def _tell_verdicts(self, verdicts: list[Verdict]) -> None:
+        """Say what changed in what is believed of the rotors."""
+        assert self.airframe is not None
+        for verdict in verdicts:
+            before = self._told.get(verdict.rotor)
+            if before is not None and not verdict.differs(before):
+                continue
+            self._told[verdict.rotor] = verdict
+            self._pending.append(verdict_event(verdict, self.airframe, self.last_us, self.vehicle))
 
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
@@ -332,7 +388,8 @@ class VehicleMonitor:
         self._bench = bench
         self.airframe = airframe
         self.rotors.set_airframe(airframe)
-        self._desk = AlertDesk(airframe, self._desk.count if self._desk is not None else 0)
+        self._panel = RotorPanel(airframe, self._panel.count if self._panel is not None else 0)
+        self._told.clear()
         self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
 
@@ -346,10 +403,13 @@ class VehicleMonitor:
         if self.unusable():
             self._say("notice", self.unusable())
             return
-        for need in self.needs():
-            if not need.met and need.wanted == need.wanted and need.wanted > 1.0:
-                have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
-                self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
+        told: set[Input] = set()  # several estimators lack the same
+        for need in (need for needs in self.needs().values() for need in needs):
+            if need.met or need.input in told or not need.wanted > 1.0:
+                continue
+            told.add(need.input)
+            have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
+            self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
 
     def _rotor_rate(self) -> float:
         if self.airframe is None:
@@ -382,39 +442,8 @@ class VehicleMonitor:
             )
         )
 
-    def _estimate_event(self, estimate: Estimate) -> EstimateEvent:
-        assert self.airframe is not None
-        rotor = self.airframe.rotors[estimate.rotor]
-        return EstimateEvent(
-            estimate.t,
-            self.last_us,
-            self.vehicle,
-            estimate.estimator,
-            rotor.esc,
-            rotor.motor,
-            estimate.quantity.value,
-            estimate.value,
-            estimate.std,
-            estimate.failure_probability,
-            estimate.status.value,
-            tuple(reason.value for reason in estimate.reasons),
-            estimate.detectable,
-        )
-
-    def _alert_event(self, alert: Alert) -> AlertEvent:
-        event = AlertEvent(
-            alert.t,
-            self.last_us,
-            self.vehicle,
-            f"{self.vehicle}-{alert.number}",
-            alert.kind.code,
-            alert.rotor.esc,
-            alert.rotor.motor,
-            alert.state,
-            alert.kind.severity,
-            alert.probability,
-            alert.text,
-            dict(alert.evidence),
-        )
-        self.alerts.append(event)
-        return event
+    def _alerts(self, alerts: Iterable[Alert]) -> None:
+        for alert in alerts:
+            event = alert_event(alert, self.last_us, self.vehicle)
+            self.alerts.append(event)
+            self._pending.append(event)

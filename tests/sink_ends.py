@@ -209,7 +209,7 @@ class MqttEnd(End):
 class PrometheusEnd(End):
     """A scrape by HTTP, read as Prometheus' text format; absent: another program has the port."""
 
-    labels = ("vehicle", "motor", "estimator", "quantity", "code")
+    labels = ("vehicle", "motor", "estimator", "quantity", "code", "kind")
 
     def __init__(self, place: Path) -> None:
         super().__init__(place)

@@ -107,6 +107,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
 
+    download = commands.add_parser(
+        "download", help="the logs that the autopilot keeps on board, through MAVSDK (this transmits)"
+    )
+    download.add_argument("endpoint", metavar="ENDPOINT", help="as of live; no file")
+    download.add_argument("-o", "--output", metavar="DIR", help="fetch into this folder; without it, list")
+    download.add_argument(
+        "--log", action="append", type=_log, metavar="ID", help="this one (default the newest); repeatable"
+    )
+    download.add_argument("--all", action="store_true", help="every log")
+
     info = commands.add_parser("info", help="what is in a log, and what the estimators would need")
     info.add_argument("files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input")
     info.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry")
@@ -269,6 +279,12 @@ def _positive(text: str) -> float:
 def _count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
+    return int(text)
+
+
+def _log(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"expected the number of a log, got {text}")
     return int(text)
 
 

@@ -94,5 +94,5 @@ def _line(finding: Finding) -> str:
     name = f"{finding.table}.{finding.key}"
     if not finding.found:
         return f"{name:<27}-  {finding.why}"
-    values = " ".join(f"{v:.4g} ± {s:.1g}" for v, s in zip(finding.values, finding.stds, strict=True))
+    values = " ".join(f"{v:.4g} ± {s:.2g}" for v, s in zip(finding.values, finding.stds, strict=True))
     return f"{name:<27}{values}  ({finding.why})"

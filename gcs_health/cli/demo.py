@@ -9,6 +9,7 @@ from gcs_health.cli import DONE, INTERRUPTED
 from gcs_health.cli.live import Session
 from gcs_health.cli.monitoring import Output, make_monitor
 from gcs_health.cli.receivers import evidence_of, sinks_of
+from gcs_health.errors import GcsHealthError
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.spellings import parse_endpoint
 from gcs_health.record.events import AlertEvent, Event
@@ -17,7 +18,7 @@ from gcs_health.simulate.scenario import load_scenario
 from gcs_health.simulate.telemetry import BOOTED
 
 HOST = "127.0.0.1"
-SKIP = 1.5  # s of standing about that a newcomer need not watch
+SKIP = 2.0  # s of standing about that a newcomer need not watch: until it climbs
 
 
 def run(options: argparse.Namespace) -> int:
@@ -33,20 +34,35 @@ def run(options: argparse.Namespace) -> int:
         monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
         links, port = _listen()
         with links:
+            vehicle = _start(options, port)
             told = Told(output)
             session = Session(monitor, told, links, request=False)  # type: ignore[arg-type]
-            vehicle = _start(options, port)
             try:
-                session.listen(length + 1.0)
+                session.listen(None, Landed(vehicle))
             except KeyboardInterrupt:
                 code = INTERRUPTED
             finally:
                 vehicle.terminate()
                 vehicle.wait()
                 session.close()
+        if code == DONE and vehicle.returncode:
+            raise GcsHealthError(f"the simulated vehicle ended with code {vehicle.returncode}")
         for fault in scenario.faults:
             print(told.verdict(fault), file=output.text)
     return code
+
+
+class Landed:
+    """Whether the vehicle's process has ended, and what it sent last has had a moment to be heard."""
+
+    def __init__(self, vehicle: "subprocess.Popen[bytes]") -> None:
+        self._vehicle = vehicle
+        self._looks = 0
+
+    def __call__(self) -> bool:
+        """See the class."""
+        self._looks += self._vehicle.poll() is not None
+        return self._looks > 2
 
 
 class Told:

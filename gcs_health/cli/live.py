@@ -3,6 +3,7 @@
 import argparse
 import signal
 import sys
+from collections.abc import Callable
 from types import FrameType
 
 from gcs_health.airframe import AirframeSource
@@ -84,8 +85,8 @@ class Session:
                     events = self._monitor.feed(block, 0, endpoint.text, log.stamped)
                     self._output.write(events, at_once=True)
 
-    def listen(self, duration: float | None) -> None:
-        """Take packets until `duration` [s] is over; for ever without one."""
+    def listen(self, duration: float | None, over: Callable[[], bool] = lambda: False) -> None:
+        """Take packets until `duration` [s] is over, or `over` when nothing waits; else for ever."""
         started: int | None = None
         for packet in self._links.packets():
             started = packet.receive_us if started is None else started
@@ -99,6 +100,8 @@ class Session:
             self._tell(packet.receive_us - started)
             self._ask(packet.receive_us)
             if duration is not None and packet.receive_us - started >= duration * 1e6:
+                return
+            if not packet.data and over():
                 return
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from gcs_health.errors import ConfigError
 from gcs_health.mavlink.endpoints import Links, now_us
 from gcs_health.mavlink.spellings import parse_endpoint
 from gcs_health.simulate.flight import Flight, record
-from gcs_health.simulate.scenario import load_scenario, shipped
+from gcs_health.simulate.scenario import Scenario, load_scenario, shipped
 from gcs_health.simulate.truth import simulated
 
 TICK = 0.004  # s between looks at the clock
@@ -26,12 +26,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"which scenario? a .toml file or one of {', '.join(shipped())}")
     if not (options.output or options.to):
         raise ConfigError("where to? -o FLIGHT.tlog writes a log, --to udpout:127.0.0.1:14550 flies live")
-    flight = Flight(load_scenario(options.scenario, options.set))
-    while flight.world.t < options.skip and not flight.over:
-        flight.step()
-        flight.arrived()  # nobody listens yet
-    if options.skip:
-        flight.send_parameters()
+    flight = _begun(load_scenario(options.scenario, options.set), options.skip)
     if options.output:
         _write(flight, Path(options.output), options.signals)
     if options.to:
@@ -40,6 +35,19 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             return INTERRUPTED
     return DONE
+
+
+def _begun(scenario: Scenario, skip: float) -> Flight:
+    """Return the flight after its first `skip` seconds, which nobody heard."""
+    if skip >= scenario.trajectory.duration:
+        raise ConfigError(f"--skip {skip:g}: the flight lasts {scenario.trajectory.duration:g} s")
+    flight = Flight(scenario)
+    while flight.world.t < skip:
+        flight.step()
+        flight.arrived()
+    if skip:
+        flight.send_parameters()
+    return flight
 
 
 def _write(flight: Flight, path: Path, signals: str | None) -> None:

@@ -159,9 +159,10 @@ def _vehicle(vehicle: VehicleSurvey) -> list[str]:
     lines += [f"  gap       {length:.1f} s before {clock(t)}" for t, length in vehicle.gaps[:10]]
     if len(vehicle.gaps) > 10:
         lines.append(f"            and {len(vehicle.gaps) - 10} more gaps")
-    lines.append("  effectiveness needs")
-    for need in vehicle.needs:
-        lines += _wrapped(f"    {need_text(need)}", 13)
+    for estimator, needs in vehicle.needs.items():
+        lines.append(f"  {estimator.replace('_', ' ')} needs")
+        for need in needs:
+            lines += _wrapped(f"    {need_text(need)}", 13)
     return lines
 
 

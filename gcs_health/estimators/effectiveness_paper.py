@@ -44,6 +44,9 @@ class PaperConfig:
     step: float = 0.002  # s
     arm_speed: float = 700.0  # rad/s, mean of the rotors
     exact_rates: tuple[float, float] = (350.0, 700.0)  # Hz; outside, steps and Q follow the stamps
+    # two remedies that are not the paper's, off by default (sheet 1, sections 5 and 8)
+    variance_cap: float = math.inf  # of P_ii; bounds what the null direction (+, -, +, -) / u lets grow
+    single_fault_check: bool = False  # the one rotor whose loss explains the residual best is the one to name
 
 
 PAPER_GAINS = (100e-6, 100e-6, 5e-6)
@@ -188,8 +191,9 @@ class PaperFilter:
             if not self.armed:
                 return False
         roll, pitch = ((p - was[0]) / step, (q - was[1]) / step) if was else (0.0, 0.0)
-        self._update(speeds, (roll, pitch, az), c.Q * share)
-        return self._decide()
+        z = (roll, pitch, az)
+        self._update(speeds, z, c.Q * share)
+        return self._decide(self._single_fault(speeds, z) if c.single_fault_check else None)
 
     def _step_of(self, t: float) -> tuple[float, float]:
         """Return the step [s] and the share of Q: the authors' own at their rate, else from the stamps."""
@@ -205,27 +209,41 @@ class PaperFilter:
         return dt, min(dt / c.step, 500.0)
 
     def _update(self, speeds: list[float], z: tuple[float, float, float], q: float) -> None:
-        u = [speed * speed for speed in speeds]
         x = self.x
         P = [list(row) for row in self.P]
         for i in range(self.rotors):
             P[i][i] += q
-        rows = (
+        for value, h in zip(z, self._rows(speeds), strict=True):
+            x, P, _, _ = kalman.update_scalar(x, P, value, h, self.config.R)
+        low, high = self.config.clamp
+        self.x = [min(max(value, low), high) for value in x]
+        self.P = P if self.config.variance_cap == math.inf else _capped(P, self.config.variance_cap)
+        self.steps += 1
+
+    def _rows(self, speeds: list[float]) -> tuple[list[float], ...]:
+        """H of (12)."""
+        u = [speed * speed for speed in speeds]
+        return (
             [g * v for g, v in zip(self.roll, u, strict=True)],
             [g * v for g, v in zip(self.pitch, u, strict=True)],
             [-self.thrust * v for v in u],
         )
-        for value, h in zip(z, rows, strict=True):
-            x, P, _, _ = kalman.update_scalar(x, P, value, h, self.config.R)
-        low, high = self.config.clamp
-        self.x = [min(max(value, low), high) for value in x]
-        self.P = P
-        self.steps += 1
 
-    def _decide(self) -> bool:
+    def _single_fault(self, speeds: list[float], z: tuple[float, float, float]) -> int:
+        """Return the rotor whose loss alone leaves least of z - H 1; R is the same for all rows."""
+        rows = self._rows(speeds)
+        lack = [sum(h) - value for value, h in zip(z, rows, strict=True)]
+        explained = []
+        for i in range(self.rotors):
+            along = sum(value * h[i] for value, h in zip(lack, rows, strict=True))
+            explained.append(max(along, 0.0) ** 2 / max(sum(h[i] * h[i] for h in rows), 1e-12))
+        return max(range(self.rotors), key=explained.__getitem__)
+
+    def _decide(self, alone: int | None) -> bool:
+        """(16); `alone`: the one rotor that may be named, None = the one with the largest P_fail."""
         c = self.config
         probabilities = [self.failure_probability(i) for i in range(self.rotors)]
-        worst = max(range(self.rotors), key=probabilities.__getitem__)
+        worst = max(range(self.rotors), key=probabilities.__getitem__) if alone is None else alone
         was = self.failed
         if probabilities[worst] > c.p_threshold and (
             was is None or probabilities[worst] > probabilities[was]
@@ -234,3 +252,11 @@ class PaperFilter:
         elif was is not None and 1.0 - probabilities[was] > c.p_clear:
             self.failed = None
         return self.failed != was
+
+
+def _capped(P: list[list[float]], cap: float) -> list[list[float]]:
+    """Scale the rows and columns whose variance exceeds `cap`; correlations stay."""
+    scale = [math.sqrt(min(1.0, cap / max(P[i][i], 1e-12))) for i in range(len(P))]
+    return [
+        [value * a * b for value, b in zip(row, scale, strict=True)] for row, a in zip(P, scale, strict=True)
+    ]

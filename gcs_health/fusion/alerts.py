@@ -1,10 +1,25 @@
-"""Alerts: estimates in, one episode per rotor out, raised once and cleared when the reason is gone."""
+"""Alerts: verdicts in, one episode per rotor and cause out; raised once, escalated, cleared when the reason is gone.
 
-from dataclasses import dataclass
+    raised      the probability of a fault has been at or above the code's `raise_at` for its `hold`
+    escalated   the kind has become clear, or a graver one: the same episode under another code
+    updated     the kind is the same, but how sure has changed much
+    acknowledged, shelved      by the operator; a shelved one is silent until its time is over or it is escalated
+    cleared     below `clear_at` for `clear_after`; a latched code only with the next flight
+
+One alarm a cause: after a rotor has failed, what follows in the others (idling partners, contact, the crash) is not
+told as faults of their own; telemetry that all rotors lose at once is one link's fault, told once.
+"""
+
+from dataclasses import dataclass, field
 
 from gcs_health.airframe import Airframe, Rotor
-from gcs_health.estimators.contract import Estimate, Reason, Status
-from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
+from gcs_health.fusion.alert_table import OF_KIND, ROTOR_FAILED, AlertKind
+from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.verdicts import Verdict
+
+CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
+MUCH = 0.2  # change of probability worth an update
+UPDATE_EVERY = 5.0  # s, at most so often
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,10 +29,10 @@ class Alert:
     Attributes
     ----------
     t : vehicle clock [s] of the datum that caused it.
-    number : the episode's number within its vehicle, from 1; raise, update and clear share it.
-    state : "raised", "updated" or "cleared".
+    number : the episode's number within its vehicle, from 1; all its steps share it.
+    state : "raised", "escalated", "updated", "acknowledged", "shelved" or "cleared".
     rotor : the rotor concerned.
-    probability : of failure, 0..1.
+    probability : of the fault, 0..1.
     """
 
     t: float
@@ -33,76 +48,176 @@ class Alert:
 @dataclass(slots=True)
 class _Episode:
     number: int
-    what: str
+    rotor: int
+    family: frozenset[Kind]  # the kinds that it may turn out to be
+    row: AlertKind
+    told: float  # probability last told
+    told_t: float
+    worst: float
     calm_since: float | None = None
+    acknowledged: bool = False
+    shelved_until: float = float("-inf")
+
+
+@dataclass(slots=True)
+class _Waiting:
+    since: dict[Kind, float] = field(default_factory=dict)
 
 
 class AlertDesk:
-    """The alert machine of one vehicle: raise at `raise_at`, clear after `clear_after` below `clear_at`."""
+    """The alert machine of one vehicle."""
 
     def __init__(self, airframe: Airframe, count: int = 0) -> None:
         """`count` episodes went before, under another airframe."""
         self._airframe = airframe
-        self._open: dict[int, _Episode] = {}
+        self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
+        self._waiting: dict[int, _Waiting] = {}
         self.count = count
 
-    def feed(self, estimate: Estimate) -> list[Alert]:
-        """Take one estimate; return what the operator must be told because of it."""
-        episode = self._open.get(estimate.rotor)
-        probability = estimate.failure_probability
-        if probability != probability:  # NaN: unknown is neither a reason to raise nor to clear
-            return []
-        if episode is None:
-            if probability < ROTOR_FAILED.raise_at:
-                return []
-            self.count += 1
-            self._open[estimate.rotor] = episode = _Episode(self.count, _what(estimate))
-            return [self._alert(estimate, episode, "raised")]
-        if probability >= ROTOR_FAILED.raise_at:
-            episode.calm_since = None
-            if _what(estimate) != episode.what:
-                episode.what = _what(estimate)
-                return [self._alert(estimate, episode, "updated")]
-            return []
-        return self._clear(estimate, episode)
+    def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
+        """Take one rotor's verdict; return what the operator must be told because of it."""
+        told = []
+        for family in _FAMILIES:
+            probability = verdict.of(family)
+            episode = self._open.get((verdict.rotor, family))
+            if episode is None:
+                alert = self._raise(verdict, family, probability, evidence)
+            else:
+                alert = self._go_on(verdict, episode, probability, evidence)
+            if alert is not None:
+                told.append(alert)
+        return told
 
-    def _clear(self, estimate: Estimate, episode: _Episode) -> list[Alert]:
-        if estimate.failure_probability > ROTOR_FAILED.clear_at or estimate.status is not Status.VALID:
-            episode.calm_since = None
-            return []
+    def acknowledge(self, number: int, t: float) -> list[Alert]:
+        """The operator has seen the episode of this number."""
+        told = []
+        for episode in self._numbered(number):
+            if not episode.acknowledged:
+                episode.acknowledged = True
+                told.append(self._step(t, episode, "acknowledged", episode.told, ()))
+        return told
+
+    def shelve(self, number: int, t: float, until: float) -> list[Alert]:
+        """The operator does not want to hear of this episode until then, unless it gets graver."""
+        told = []
+        for episode in self._numbered(number):
+            episode.shelved_until = until
+            told.append(self._step(t, episode, "shelved", episode.told, ()))
+        return told
+
+    def new_flight(self, t: float) -> list[Alert]:
+        """Clear what was latched for the flight before."""
+        told = [self._step(t, episode, "cleared", 0.0, ()) for episode in self._open.values()]
+        self._open.clear()
+        self._waiting.clear()
+        return told
+
+    def _numbered(self, number: int) -> list[_Episode]:
+        return [episode for episode in self._open.values() if episode.number == number]
+
+    def _raise(
+        self,
+        verdict: Verdict,
+        family: frozenset[Kind],
+        probability: float,
+        evidence: tuple[tuple[str, float | str], ...],
+    ) -> Alert | None:
+        row = _row(verdict, family)
+        waiting = self._waiting.setdefault(verdict.rotor, _Waiting()).since
+        key = min(family)
+        if probability < row.raise_at or self._explained(verdict.rotor, family):
+            waiting.pop(key, None)
+            return None
+        if verdict.t - waiting.setdefault(key, verdict.t) < row.hold:
+            return None
+        waiting.pop(key)
+        self.count += 1
+        episode = _Episode(self.count, verdict.rotor, family, row, probability, verdict.t, probability)
+        self._open[verdict.rotor, family] = episode
+        return self._step(verdict.t, episode, "raised", probability, evidence)
+
+    def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
+        """Whether another rotor's failure is cause enough for what this one shows."""
+        return any(
+            episode.rotor != rotor and episode.family is FAILED_FAMILY for episode in self._open.values()
+        ) and family not in (_TELEMETRY,)
+
+    def _go_on(
+        self,
+        verdict: Verdict,
+        episode: _Episode,
+        probability: float,
+        evidence: tuple[tuple[str, float | str], ...],
+    ) -> Alert | None:
+        t = verdict.t
+        episode.worst = max(episode.worst, probability)
+        if probability <= episode.row.clear_at and verdict.known:
+            return self._calm(t, episode, probability, evidence)
+        episode.calm_since = None
+        if probability < episode.row.raise_at:
+            return None
+        row = _row(verdict, episode.family)
+        if row is not episode.row and row is not ROTOR_FAILED:
+            episode.row = row
+            episode.shelved_until = float("-inf")
+            return self._tell(t, episode, "escalated", probability, evidence)
+        if t < episode.shelved_until or t - episode.told_t < UPDATE_EVERY:
+            return None
+        if abs(probability - episode.told) >= MUCH:
+            return self._tell(t, episode, "updated", probability, evidence)
+        return None
+
+    def _calm(
+        self, t: float, episode: _Episode, probability: float, evidence: tuple[tuple[str, float | str], ...]
+    ) -> Alert | None:
+        if episode.row.latched:
+            return None
         if episode.calm_since is None:
-            episode.calm_since = estimate.t
-        if estimate.t - episode.calm_since < ROTOR_FAILED.clear_after:
-            return []
-        del self._open[estimate.rotor]
-        return [self._alert(estimate, episode, "cleared")]
+            episode.calm_since = t
+        if t - episode.calm_since < episode.row.clear_after:
+            return None
+        del self._open[episode.rotor, episode.family]
+        return self._step(t, episode, "cleared", probability, evidence)
 
-    def _alert(self, estimate: Estimate, episode: _Episode, state: str) -> Alert:
-        rotor = self._airframe.rotors[estimate.rotor]
-        text = ROTOR_FAILED.text.format(
-            motor=rotor.motor,
-            seat=self._airframe.seat(estimate.rotor),
-            what="answers again" if state == "cleared" else episode.what,
-            percent=min(99, int(100 * _belief(estimate, state))),
+    def _tell(
+        self,
+        t: float,
+        episode: _Episode,
+        state: str,
+        probability: float,
+        evidence: tuple[tuple[str, float | str], ...],
+    ) -> Alert:
+        episode.told, episode.told_t = probability, t
+        return self._step(t, episode, state, probability, evidence)
+
+    def _step(
+        self,
+        t: float,
+        episode: _Episode,
+        state: str,
+        probability: float,
+        evidence: tuple[tuple[str, float | str], ...],
+    ) -> Alert:
+        row, rotor = episode.row, self._airframe.rotors[episode.rotor]
+        belief = episode.told if state == "cleared" else probability
+        text = row.text.format(
+            motor=rotor.motor, seat=self._airframe.seat(episode.rotor), percent=min(99, int(100 * belief))
         )
-        return Alert(
-            estimate.t,
-            episode.number,
-            state,
-            ROTOR_FAILED,
-            rotor,
-            estimate.failure_probability,
-            text,
-            estimate.evidence,
-        )
+        if state == "cleared":
+            text = f"motor {rotor.motor} ({self._airframe.seat(episode.rotor)}): {row.code} is over"
+        return Alert(t, episode.number, state, row, rotor, probability, text, evidence)
 
 
-def _what(estimate: Estimate) -> str:
-    if Reason.MOTOR_STOPPED in estimate.reasons:
-        return "motor stopped"
-    return "rotor lost its thrust"
+FAILED_FAMILY = FAILED
+_TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
+_FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
 
 
-def _belief(estimate: Estimate, state: str) -> float:
-    p = estimate.failure_probability
-    return 1.0 - p if state == "cleared" else p
+def _row(verdict: Verdict, family: frozenset[Kind]) -> AlertKind:
+    """Return the code of the family's likeliest kind, or "failed" while it is not clear which."""
+    if len(family) == 1:
+        return OF_KIND[next(iter(family))]
+    kind, probability = max(
+        ((kind, p) for kind, p in verdict.posterior if kind in family), key=lambda each: each[1]
+    )
+    return OF_KIND[kind] if probability >= CLEAR_KIND * verdict.of(family) else ROTOR_FAILED

@@ -76,9 +76,31 @@ class Message:
         return places
 
     @cached_property
+    def elements(self) -> int:
+        """How many elements `layout` unpacks to."""
+        return sum(max(count, 1) for _, count in self.positions.values())
+
+    @cached_property
+    def floats(self) -> frozenset[int]:
+        """Which elements of the unpacked tuple are floats."""
+        kinds = {name: kind for name, kind, _ in self.fields}
+        return frozenset(
+            at + k
+            for name, (at, count) in self.positions.items()
+            for k in range(max(count, 1))
+            if kinds[name] in ("float", "double")
+        )
+
+    @cached_property
     def dtype(self) -> np.dtype[Any]:
         """Packed structured dtype of the whole payload."""
         return np.dtype([(name, *_numpy_field(kind, length)) for name, kind, length in self.fields])
+
+    @cached_property
+    def kept(self) -> np.ndarray[Any, Any]:
+        """Return masks of the first k bytes of a payload, k = 0 to its size, each as one opaque item."""
+        at = np.arange(self.size + 1)
+        return np.where(at[:-1] < at[:, None], 0xFF, 0).astype(np.uint8).view(f"V{self.size}")[:, 0]
 
     @property
     def size(self) -> int:
@@ -114,6 +136,11 @@ class Dialect:
     def crc_extra(self) -> dict[int, int]:
         """CRC_EXTRA by message id."""
         return {id: message.crc_extra for id, message in self.messages.items()}
+
+    @cached_property
+    def crc_extra_byte(self) -> dict[int, bytes]:
+        """CRC_EXTRA as one byte to put behind a frame's bytes, by message id."""
+        return {id: bytes([extra]) for id, extra in self.crc_extra.items()}
 
     @cached_property
     def extras(self) -> np.ndarray[Any, np.dtype[np.int16]]:

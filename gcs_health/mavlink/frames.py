@@ -5,8 +5,8 @@ its way again behind it. What is dropped is counted by reason. Memory is bounded
 the only thing carried over is the unfinished record.
 
 Three ways with one result, chosen by what measures fastest (benchmarks/decode.py): a stream of good
-frames is read in one loop; a large piece of a .tlog by columns (`blocks`); all else record by record
-(`framing`).
+frames is read in one loop, all in `feed`, because a call more shows in one-frame datagrams; a large
+piece of a .tlog by columns (`blocks`); all else record by record (`framing`).
 """
 
 import struct
@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
 
-from gcs_health.mavlink.batch import FEW, Frame, FrameBatch
-from gcs_health.mavlink.blocks import LEAST_BYTES, Records, find, rows
+from gcs_health.mavlink.batch import FEW, FrameBatch, Head, grouped, rows
+from gcs_health.mavlink.blocks import LEAST_BYTES, Records, find
 from gcs_health.mavlink.dialect import Dialect
 from gcs_health.mavlink.framing import (
     MAGIC_V2,
@@ -35,8 +35,7 @@ from gcs_health.mavlink.framing import (
 from gcs_health.mavlink.signing import Signatures
 
 RUN = 32  # frames walked before they are checked
-_HEADER_V2 = struct.Struct("<BBBBBBBHB").unpack_from  # magic len incompat compat seq sys comp id(2+1)
-_new = tuple.__new__
+_HEADER_V2 = struct.Struct("<BBBxBBBI").unpack_from  # magic len incompat seq sys comp id (and one byte more)
 
 
 @dataclass
@@ -58,9 +57,13 @@ class FrameCounters:
     dropped: Counter[str] = field(default_factory=Counter)
     unknown: Counter[int] = field(default_factory=Counter)
     signed: int = 0
-    unsigned: int = 0
     lost: Counter[tuple[int, int]] = field(default_factory=Counter)
     repeated: Counter[tuple[int, int]] = field(default_factory=Counter)
+
+    @property
+    def unsigned(self) -> int:
+        """Frames kept that carry no signature."""
+        return self.frames - self.signed
 
 
 class FrameDecoder:
@@ -77,24 +80,55 @@ class FrameDecoder:
         self.counters = FrameCounters()
         self._dialect = dialect
         self._extra_of = dialect.crc_extra
-        self._extra_byte = {id: bytes([extra]) for id, extra in dialect.crc_extra.items()}
+        self._extra_byte = dialect.crc_extra_byte
         self._stamped = stamped
         self._signatures = Signatures(keys) if keys else None
         self._rest = b""
         self._hunting = False
         self._stamp = 0
-        self._sequence: dict[tuple[int, int], int] = {}
+        self._due: dict[tuple[int, int], int] = {}  # next sequence number of each sender
 
     def feed(self, data: bytes, receive_us: int = 0) -> FrameBatch:
-        """Take bytes; return the frames they complete. `receive_us` [UNIX µs] stamps those of a stream."""
-        self.counters.bytes += len(data)
+        """Take bytes; return the frames they complete. `receive_us` [UNIX µs] stamps those of a stream.
+
+        Here good, unsigned, known v2 frames on end of a stream are read, the last perhaps unfinished.
+        Anything else is left to `_decode`, from the beginning.
+        """
+        counters = self.counters
+        counters.bytes += len(data)
         if self._rest:
             data = self._rest + data
-        if not (self._stamped or self._hunting):
-            batch = self._stream(data, receive_us)
-            if batch is not None:
-                return batch
-        return self._decode(data, receive_us, final=False)
+        if self._stamped or self._hunting:
+            return self._decode(data, receive_us, final=False)
+        at, left = 0, len(data)
+        heads: list[Head] = []
+        extra_byte = self._extra_byte
+        while left >= 12:
+            magic, length, incompat, sequence, system, component, message = _HEADER_V2(data, at)
+            if magic != MAGIC_V2 or incompat:
+                return self._decode(data, receive_us, final=False)
+            left -= length + 12
+            if left < 0:
+                break
+            payload_at, crc_at, message = at + 10, at + 10 + length, message & 0xFFFFFF
+            extra = extra_byte.get(message)
+            if extra is None or (
+                mcrf4xx(data[at + 1 : crc_at] + extra) != data[crc_at] | data[crc_at + 1] << 8
+            ):
+                return self._decode(data, receive_us, final=False)
+            heads.append((receive_us, system, component, message, sequence, data[payload_at:crc_at]))
+            at = crc_at + 2
+        if left and data[at] != MAGIC_V2:
+            return self._decode(data, receive_us, final=False)
+        self._rest = data[at:]
+        counters.frames += len(heads)
+        due = self._due
+        for _, system, component, _, sequence, _ in heads:
+            sender = system, component
+            if due.get(sender) != sequence:
+                self._count_gap(sender, sequence)
+            due[sender] = sequence + 1 & 0xFF
+        return FrameBatch(data, None, None, heads)
 
     def finish(self) -> FrameBatch:
         """End of input: nothing more will complete the rest."""
@@ -105,69 +139,27 @@ class FrameDecoder:
             self._rest = b""
         return batch
 
-    def _stream(self, data: bytes, receive_us: int) -> FrameBatch | None:
-        """Read good, unsigned, known v2 frames on end, the last perhaps unfinished.
-
-        None, and nothing done, for anything else: that is `_decode`'s.
-        """
-        at, end = 0, len(data)
-        frames: list[Frame] = []
-        starts: list[int] = []
-        extra_byte = self._extra_byte
-        while at < end:
-            if end - at < 12:
-                if data[at] != MAGIC_V2:
-                    return None
-                break
-            magic, length, incompat, _, sequence, system, component, low, high = _HEADER_V2(data, at)
-            if magic != MAGIC_V2 or incompat:
-                return None
-            crc_at = at + 10 + length
-            if crc_at + 2 > end:
-                break
-            message = low | high << 16
-            extra = extra_byte.get(message)
-            if extra is None or (
-                mcrf4xx(data[at + 1 : crc_at] + extra) != data[crc_at] | data[crc_at + 1] << 8
-            ):
-                return None
-            frames.append(
-                _new(Frame, (receive_us, system, component, message, sequence, data[at + 10 : crc_at]))
-            )
-            starts.append(at)
-            at = crc_at + 2
-        self._rest = data[at:]
-        count = len(frames)
-        counters, last = self.counters, self._sequence
-        counters.frames += count
-        counters.unsigned += count
-        for _, system, component, _, sequence, _ in frames:
-            sender = (system, component)
-            if last.get(sender, sequence - 1) + 1 & 0xFF != sequence:
-                self._count_gap(sender, sequence)
-            last[sender] = sequence
-        return FrameBatch(data, starts, [receive_us] * count, frames)
-
     def _decode(self, data: bytes, receive_us: int, final: bool) -> FrameBatch:
         at, count = 0, 0
         many = find(data, self._dialect) if self._stamped and len(data) >= LEAST_BYTES else None
-        parts: list[list[int] | Integers] = []
+        runs: list[slice] = []  # of the records in `many`
+        parts: list[list[int] | Integers] = []  # where all frames start, those of `runs` among them
         bare: list[int] = []  # frames, by number, that stand in a .tlog without a stamp of their own
         while at < len(data):
             if self._hunting:
                 at, found = self._hunt(data, at, many, final)
                 if not found:
                     break
-            quick = many.run(at) if many is not None else None
-            if quick is not None:
-                parts.append(quick[0] + STAMP_LENGTH)
-                count += len(quick[0])
-                at = quick[1]
+            if many is not None and (quick := many.run(at)) is not None:
+                numbers, at = quick
+                runs.append(numbers)
+                parts.append(many.places[numbers] + STAMP_LENGTH)
+                count += len(parts[-1])
                 continue
             run = walk(data, at, RUN if many is None else 1, self._stamped)
             good, fault = first_fault(data, run, self._extra_of, self._stamped, final)
             bare += [count + k for k in run.bare if k < good]
-            parts.append(run.starts[:good])
+            parts += [run.starts[:good]] if good else []
             count += good
             if fault is None:
                 at = run.next
@@ -181,6 +173,10 @@ class FrameDecoder:
                     break
                 at = moved
         self._rest = data[at:]
+        if many is not None and count >= FEW and len(runs) == len(parts):
+            batch = many.batch(data, runs)
+            self._stamp = int(batch.stamps[-1])
+            return self._admit(batch)
         if count < FEW:
             return self._keep(data, [int(s) for part in parts for s in part], bare, receive_us)
         joined = np.concatenate([np.asarray(part, dtype=np.int64) for part in parts])
@@ -226,13 +222,15 @@ class FrameDecoder:
         if not len(starts):
             return FrameBatch(data, [], [])
         stamps = self._stamps(data, starts, bare) if self._stamped else [receive_us] * len(starts)
-        batch = FrameBatch(data, starts, stamps)
+        return self._admit(FrameBatch(data, starts, stamps))
+
+    def _admit(self, batch: FrameBatch) -> FrameBatch:
+        """Verify the signatures of checked frames, if there are keys, and count."""
         signed = batch.signed()
         if signed and self._signatures:
             batch, signed = self._verified(batch, signed)
         self.counters.frames += len(batch)
         self.counters.signed += len(signed)
-        self.counters.unsigned += len(batch) - len(signed)
         self._count(batch)
         return batch
 
@@ -265,14 +263,14 @@ class FrameDecoder:
             for frame in batch.frames:
                 sender = (frame.system, frame.component)
                 self._count_gap(sender, frame.sequence)
-                self._sequence[sender] = frame.sequence
+                self._due[sender] = frame.sequence + 1 & 0xFF
                 if frame.message not in self._extra_of:
                     self.counters.unknown[frame.message] += 1
             return
         columns = batch.columns
-        senders = columns.system.astype(np.int64) << 8 | columns.component
-        for key in np.flatnonzero(np.bincount(senders)).tolist():
-            sequences = columns.sequence[senders == key].astype(np.int64)
+        order, groups = grouped(columns.system.astype(np.uint16) << 8 | columns.component)
+        for key, group in groups:
+            sequences = columns.sequence[order[group]]
             sender = (key >> 8, key & 0xFF)
             self._count_gap(sender, int(sequences[0]))
             lost, repeated = sequence_faults(sequences)
@@ -280,13 +278,12 @@ class FrameDecoder:
                 self.counters.lost[sender] += lost
             if repeated:
                 self.counters.repeated[sender] += repeated
-            self._sequence[sender] = int(sequences[-1])
-        for id in np.flatnonzero(np.bincount(columns.message)).tolist():
-            if id not in self._extra_of:
-                self.counters.unknown[id] += int(np.count_nonzero(columns.message == id))
+            self._due[sender] = int(sequences[-1]) + 1 & 0xFF
+        for id in columns.message[self._dialect.extras.take(columns.message, mode="clip") < 0].tolist():
+            self.counters.unknown[id] += 1
 
     def _count_gap(self, sender: tuple[int, int], sequence: int) -> None:
-        missing = (sequence - self._sequence.get(sender, sequence - 1) - 1) & 0xFF
+        missing = (sequence - self._due.get(sender, sequence)) & 0xFF
         if missing == 0xFF:
             self.counters.repeated[sender] += 1
         elif 0 < missing < 0x80:  # as in sequence_faults: a small step back is a late frame

@@ -145,14 +145,6 @@ def check(data: bytes, start: int, extra_of: dict[int, int]) -> Fault | None:
     return None if crc & 0xFFFF == data[crc_at] | data[crc_at + 1] << 8 else Fault.CRC
 
 
-def message_ids(raw: np.ndarray[Any, np.dtype[np.uint8]], first: Integers, v2: Any) -> Integers:
-    """Message ids of the frames that begin at `first`."""
-    low = np.where(v2, first + 7, first + 5)
-    ids = raw[low].astype(np.int64)
-    ids[v2] |= raw[first[v2] + 8].astype(np.int64) << 8 | raw[first[v2] + 9].astype(np.int64) << 16
-    return ids
-
-
 def good_record(data: bytes, at: int, stamped: bool, extra_of: dict[int, int]) -> bool | None:
     """Whether a whole, checked frame stands at `at` (behind its stamp if `stamped`); None = not all there."""
     run = walk(data, at, 1, stamped)
@@ -184,10 +176,11 @@ def hunt(data: bytes, at: int, stamped: bool, extra_of: dict[int, int], final: b
     return max(at, len(data) - lead), False
 
 
-def sequence_faults(sequences: Integers) -> tuple[int, int]:
+def sequence_faults(sequences: np.ndarray[Any, np.dtype[np.uint8]]) -> tuple[int, int]:
     """Count what one sender's sequence numbers (n,) say: frames lost, frames repeated.
 
     A step back by less than half the range is a late frame, not 200 lost ones.
     """
-    missing = (np.diff(sequences) - 1) & 0xFF
-    return int(missing[missing < 0x80].sum()), int((missing == 0xFF).sum())
+    missing = sequences[1:] - sequences[:-1] - np.uint8(1)  # modulo 256, as they are numbered
+    odd = missing[missing > 0]
+    return int(odd[odd < 0x80].sum()), int(np.count_nonzero(odd == 0xFF))

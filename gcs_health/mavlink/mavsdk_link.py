@@ -68,21 +68,10 @@ class MavsdkLinks:
         self._overflowed = False
         self._directs: dict[int, Any] = {}  # by the number of the system that it is subscribed to
         self._ear = FrameDecoder(self._dialect, stamped=False)
-        try:
-            import mavsdk
-            from mavsdk.plugins.mavlink_direct import MavlinkDirect
-        except (ImportError, OSError) as error:
-            raise EndpointError(f"--backend mavsdk: MAVSDK cannot be loaded: {error}") from None
+        self._station = open_station(endpoints)
+        from mavsdk.plugins.mavlink_direct import MavlinkDirect
+
         self._direct_of = MavlinkDirect
-        _silence()
-        kind = mavsdk.ComponentType.GROUND_STATION
-        self._station = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(kind))
-        for endpoint in endpoints:
-            result = self._station.add_any_connection(url_of(endpoint))
-            if result != mavsdk.ConnectionResult.SUCCESS:
-                self.close()
-                why = result.name.lower().replace("_", " ")
-                raise EndpointError(f"{endpoint.text}: MAVSDK cannot open {url_of(endpoint)}: {why}")
 
     def __enter__(self) -> "MavsdkLinks":
         return self
@@ -215,6 +204,33 @@ class MavsdkLinks:
         if name != COMMAND_LONG or fields["command"] != SET_MESSAGE_INTERVAL:
             return name
         return f"{self._dialect.name(int(fields['param1']))} every {fields['param2'] / 1000.0:.0f} ms"
+
+
+def open_station(endpoints: list[Endpoint]) -> Any:
+    """Return a `mavsdk.Mavsdk`, a ground station at these endpoints, its own log kept quiet.
+
+    Raises
+    ------
+    EndpointError : MAVSDK is not there, or an endpoint cannot be opened.
+    """
+    try:
+        import mavsdk
+    except (ImportError, OSError) as error:
+        raise EndpointError(f"MAVSDK cannot be loaded: {error}") from None
+    _silence()
+    kind = mavsdk.ComponentType.GROUND_STATION
+    station = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(kind))
+    for endpoint in endpoints:
+        try:
+            result = station.add_any_connection(url_of(endpoint))
+        except EndpointError:
+            station.destroy()
+            raise
+        if result != mavsdk.ConnectionResult.SUCCESS:
+            station.destroy()
+            why = result.name.lower().replace("_", " ")
+            raise EndpointError(f"{endpoint.text}: MAVSDK cannot open {url_of(endpoint)}: {why}")
+    return station
 
 
 def url_of(endpoint: Endpoint) -> str:

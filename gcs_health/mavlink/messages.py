@@ -5,15 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs_health.mavlink.batch import FrameBatch, FrameColumns
-from gcs_health.mavlink.blocks import rows
+from gcs_health.mavlink.batch import FEW, FrameBatch, grouped, items
 from gcs_health.mavlink.dialect import Dialect, Message
 from gcs_health.mavlink.framing import Integers
 from gcs_health.mavlink.message_table import OTHERS, TABLE, Row
-from gcs_health.mavlink.rules import Columns, Integer, Names, Text, compiled
+from gcs_health.mavlink.rules import Columns, Integer, Names, One, Text, compiled, compiled_sample
 from gcs_health.samples import Other, Sample
 
-_FEW_OF_A_KIND = 6  # of one message: below, frame by frame is faster than by column
+_FEW_OF_A_KIND = 20  # of one message: below, one by one is faster than by column (benchmarks/decode.py)
 
 # Messages with a vehicle stamp that become `Other`
 _BOOT_MS_FIELDS = ("time_boot_ms", "event_time_boot_ms")
@@ -41,118 +40,95 @@ class MessageDecoder:
 
     def __init__(self, dialect: Dialect) -> None:
         self._dialect = dialect
-        self._readers: dict[int, _Reader] = {}
+        self._readers: dict[int, _SampleReader | _OtherReader] = {}
         for id, row in TABLE.items():
             self._readers[id] = _SampleReader(dialect.messages[id], row)
         for id in OTHERS:
             if id in dialect.messages:
                 self._readers[id] = _OtherReader(dialect.messages[id])
+        self._one: dict[int, One] = {id: reader.one for id, reader in self._readers.items()}
 
     def samples(self, batch: FrameBatch) -> list[Sample]:
         """Return the samples of a batch in its order; frames that no sample is made of are left out."""
-        readers = self._readers
-        if batch.few:
-            return [
-                reader.one(receive_us, system, component, payload)
-                for receive_us, system, component, message, _, payload in batch.frames
-                if (reader := readers.get(message)) is not None
-            ]
-        columns = batch.columns
-        ordered: list[Sample | None] = [None] * len(batch)
-        for id, at in _by_message(columns.message):
-            reader = readers.get(id)
-            if reader is None:
-                continue
-            if len(at) < _FEW_OF_A_KIND:
-                self._one_by_one(columns, batch.data, at, reader, ordered)
-                continue
-            gathered = _gather(columns, batch.data, reader.message, at)
-            for k, sample in zip(at.tolist(), reader.many(gathered), strict=True):
-                ordered[k] = sample
-        return [sample for sample in ordered if sample is not None]
+        samples: list[Sample] = []
+        heads = batch.listed
+        if heads is None and len(batch) < FEW:
+            heads = batch.heads
+        if heads is not None:
+            one_of = self._one
+            for receive_us, system, component, message, _, payload in heads:
+                one = one_of.get(message)
+                if one is not None:
+                    samples.append(one(receive_us, system, component, payload))
+            return samples
+        kinds = _Sorted(batch)
+        rank = np.full(len(batch), -1)  # of each frame's sample
+        for id, group in kinds.groups:
+            reader = self._readers.get(id)
+            if reader is not None:
+                rank[kinds.order[group]] = np.arange(len(samples), len(samples) + group.stop - group.start)
+                samples += reader.many(kinds.gather(reader.message, group))
+        return list(map(samples.__getitem__, rank[rank >= 0].tolist()))
 
     def columns(self, batch: FrameBatch, wanted: frozenset[int] | None = None) -> dict[int, MessageColumns]:
         """Return the wire fields of a batch by message id, of the ids `wanted` (None = all known)."""
         if not len(batch):
             return {}
-        columns = batch.columns
+        kinds = _Sorted(batch)
         return {
-            id: _gather(columns, batch.data, self._dialect.messages[id], at)
-            for id, at in _by_message(columns.message)
+            id: kinds.gather(self._dialect.messages[id], group)
+            for id, group in kinds.groups
             if id in self._dialect.messages and (wanted is None or id in wanted)
         }
 
-    def _one_by_one(
-        self, columns: FrameColumns, data: bytes, at: Integers, reader: "_Reader", out: list[Sample | None]
-    ) -> None:
-        for k in at.tolist():
-            start = int(columns.payload[k])
-            payload = data[start : start + int(columns.length[k])]
-            sender = int(columns.system[k]), int(columns.component[k])
-            out[k] = reader.one(int(columns.receive_us[k]), *sender, payload)
+
+class _Sorted:
+    """The frames of a batch, those of one message on end.
+
+    Attributes
+    ----------
+    order : (n,) number of each frame within the batch.
+    groups : each message id and where its frames stand in that order.
+    """
+
+    def __init__(self, batch: FrameBatch) -> None:
+        columns = batch.columns
+        self.order, self.groups = grouped(columns.message)
+        self._data = batch.data + bytes(255)  # a payload may be shorter than its message
+        self._payload, self._length = columns.payload[self.order], columns.length[self.order]
+        self._receive_us = columns.receive_us[self.order]
+        self._system, self._component = columns.system[self.order], columns.component[self.order]
+
+    def gather(self, message: Message, group: slice) -> MessageColumns:
+        """Copy the payloads of one message into one zero-padded structured array."""
+        wire = items(self._data, self._payload[group], message.size)
+        length = self._length[group]
+        if length.min() < message.size:  # what was cut off were zeros
+            flat = wire.view(np.uint8)
+            flat &= message.kept.take(length, mode="clip").view(np.uint8)
+        return MessageColumns(
+            self.order[group],
+            self._receive_us[group],
+            self._system[group],
+            self._component[group],
+            wire.view(message.dtype),
+        )
 
 
-def _by_message(ids: Integers) -> list[tuple[int, Integers]]:
-    small = ids.astype(np.uint16) if ids.max() < 1 << 16 else ids  # radix sort for small integers
-    order = np.argsort(small, kind="stable")
-    of = ids[order]
-    edges = np.flatnonzero(np.diff(of)) + 1
-    return [(int(ids[part[0]]), part) for part in np.split(order, edges)]
-
-
-def _gather(columns: FrameColumns, data: bytes, message: Message, at: Integers) -> MessageColumns:
-    """Copy the payloads of frames `at` into one zero-padded structured array."""
-    size, start = message.size, columns.payload[at]
-    length = columns.length[at]
-    if start[-1] + size > len(data):  # the last payload may be shorter than its message
-        data = data + bytes(size)
-    block = rows(data, start, size)
-    least = int(length.min())
-    if least < size:  # what was cut off were zeros
-        tail = block[:, least:]
-        tail[np.arange(least, size) >= length[:, None]] = 0
-    return MessageColumns(
-        at,
-        columns.receive_us[at],
-        columns.system[at],
-        columns.component[at],
-        block.view(message.dtype)[:, 0],
-    )
-
-
-class _Reader:
-    """One message's way into samples: one payload at a time, or many."""
-
-    message: Message
-
-    def one(self, receive_us: int, system: int, component: int, payload: bytes) -> Sample:
-        raise NotImplementedError
-
-    def many(self, columns: MessageColumns) -> list[Sample]:
-        raise NotImplementedError
-
-
-class _SampleReader(_Reader):
-    """A row of the table, compiled."""
+class _SampleReader:
+    """A row of the table, compiled: one message's way into samples, one payload at a time or many."""
 
     def __init__(self, message: Message, row: Row) -> None:
         self.message = message
         self._type = row.sample
         self._many = [rule.many(message) for rule in row.rules]
         names: Names = {}
-        head = ["system", "component", str(message.id), "receive_us"]
-        fields = head + [rule.expression(message, names) for rule in row.rules]
-        self._one = compiled(fields, names, "system, component, receive_us")
-        self._size, self._layout = message.size, message.layout.unpack_from
-
-    def one(self, receive_us: int, system: int, component: int, payload: bytes) -> Sample:
-        if len(payload) < self._size:
-            payload = payload.ljust(self._size, b"\0")
-        # tuple.__new__ skips the NamedTuple's own constructor: a third of the time for 14 fields
-        sample: Sample = _new(self._type, self._one(system, component, receive_us, self._layout(payload)))
-        return sample
+        fields = [rule.expression(message, names) for rule in row.rules]
+        self.one = compiled_sample(message, row.sample, fields, names)
 
     def many(self, columns: MessageColumns) -> list[Sample]:
+        if len(columns.at) < _FEW_OF_A_KIND:
+            return _singly(self.one, columns)
         head = (
             columns.system.tolist(),
             columns.component.tolist(),
@@ -163,7 +139,7 @@ class _SampleReader(_Reader):
         return list(map(_new, repeat(self._type), fields))
 
 
-class _OtherReader(_Reader):
+class _OtherReader:
     """A message that no estimator takes: its fields by name."""
 
     def __init__(self, message: Message) -> None:
@@ -175,7 +151,7 @@ class _OtherReader(_Reader):
             (Text(name) if kind == "char" else Integer(name)).expression(message, names)
             for name, kind, _ in message.fields
         ]
-        self._values = compiled(fields, names)
+        self._values = compiled(message, fields, names)
         self._stamp = next((n for n in _BOOT_MS_FIELDS if n in message.positions), None)
 
     def one(self, receive_us: int, system: int, component: int, payload: bytes) -> Sample:
@@ -185,11 +161,14 @@ class _OtherReader(_Reader):
         return Other(system, component, self.message.id, receive_us, time_us, self.message.name, fields)
 
     def many(self, columns: MessageColumns) -> list[Sample]:
-        flat, size = columns.wire.tobytes(), self.message.size
-        heads = zip(
-            columns.receive_us.tolist(), columns.system.tolist(), columns.component.tolist(), strict=True
-        )
-        return [self.one(*head, flat[k * size : (k + 1) * size]) for k, head in enumerate(heads)]
+        return _singly(self.one, columns)
+
+
+def _singly(one: One, columns: MessageColumns) -> list[Sample]:
+    payloads = columns.wire.view(f"V{columns.wire.itemsize}").tolist()
+    return list(
+        map(one, columns.receive_us.tolist(), columns.system.tolist(), columns.component.tolist(), payloads)
+    )
 
 
 _new = tuple.__new__

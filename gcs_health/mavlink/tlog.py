@@ -13,7 +13,7 @@ from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.framing import hunt
 from gcs_health.mavlink.tlog_sets import is_zip, open_folder, open_zip
 
-BLOCK = 1 << 18  # bytes; memory is bounded by it, whatever the log's length
+BLOCK = 1 << 19  # bytes; memory is bounded by it, whatever the log's length (benchmarks/decode.py)
 # A log of ours holds a checked frame within its first MiB however damaged; what does not is no log
 SEARCHED = 1 << 20
 

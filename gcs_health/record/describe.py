@@ -1,10 +1,68 @@
-"""Airframes and estimates as the event schema has them."""
+"""Airframes, estimates, verdicts and alerts as the event schema has them."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.contract import REASON_TEXT, Estimate
+from gcs_health.fusion.alerts import Alert
+from gcs_health.fusion.verdicts import Verdict
+from gcs_health.record.events import AlertEvent, EstimateEvent, VerdictEvent
+
+
+def estimate_event(estimate: Estimate, airframe: Airframe, t_unix_us: int, vehicle: str) -> EstimateEvent:
+    """Return an estimate as an event; rotors as the airframe has them."""
+    rotor = airframe.rotors[estimate.rotor]
+    return EstimateEvent(
+        estimate.t,
+        t_unix_us,
+        vehicle,
+        estimate.estimator,
+        rotor.esc,
+        rotor.motor,
+        estimate.quantity.value,
+        estimate.value,
+        estimate.std,
+        estimate.failure_probability,
+        estimate.status.value,
+        tuple(reason.value for reason in estimate.reasons),
+        estimate.detectable,
+    )
+
+
+def verdict_event(verdict: Verdict, airframe: Airframe, t_unix_us: int, vehicle: str) -> VerdictEvent:
+    """Return a verdict as an event."""
+    rotor = airframe.rotors[verdict.rotor]
+    return VerdictEvent(
+        verdict.t,
+        t_unix_us,
+        vehicle,
+        rotor.esc,
+        rotor.motor,
+        verdict.state,
+        verdict.probability,
+        verdict.known,
+        verdict.since,
+        verdict.sources,
+    )
+
+
+def alert_event(alert: Alert, t_unix_us: int, vehicle: str) -> AlertEvent:
+    """Return a step of an alert as an event."""
+    return AlertEvent(
+        alert.t,
+        t_unix_us,
+        vehicle,
+        f"{vehicle}-{alert.number}",
+        alert.kind.code,
+        alert.rotor.esc,
+        alert.rotor.motor,
+        alert.state,
+        alert.kind.severity,
+        alert.probability,
+        alert.text,
+        dict(alert.evidence),
+    )
 
 
 def describe_airframe(airframe: Airframe) -> dict[str, Any]:

@@ -59,8 +59,42 @@ class EstimateEvent(NamedTuple):
     detectable: float
 
 
+class VerdictEvent(NamedTuple):
+    """What is believed of one rotor; said when it changes.
+
+    Attributes
+    ----------
+    kind, probability : the likeliest state and its probability; `known` = a source that sees thrust spoke lately.
+    since : when that state became the likeliest [s].
+    sources : who moved it, the strongest first.
+    """
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    rotor: int
+    motor: int
+    kind: str
+    probability: float
+    known: bool
+    since: float
+    sources: tuple[str, ...]
+
+
+class AutopilotEvent(NamedTuple):
+    """The autopilot's own word on motors, and how it stands to our verdicts: agrees, alone or contradicts."""
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    opinion: str
+    motors: tuple[int, ...]
+    text: str
+    relation: str
+
+
 class AlertEvent(NamedTuple):
-    """One step of an alert: `state` is raised, updated or cleared; `severity` is a MAV_SEVERITY."""
+    """One step of an alert: raised, escalated, updated, acknowledged, shelved or cleared; MAV_SEVERITY."""
 
     t: float
     t_unix_us: int
@@ -101,14 +135,17 @@ class SummaryEvent(NamedTuple):
     alerts: tuple[Value, ...]
 
 
-Event = VehicleEvent | EstimateEvent | AlertEvent | SummaryEvent
+Event = VehicleEvent | EstimateEvent | VerdictEvent | AutopilotEvent | AlertEvent | SummaryEvent
 
 _TYPE = {
     VehicleEvent: "vehicle",
     EstimateEvent: "estimate",
+    VerdictEvent: "verdict",
+    AutopilotEvent: "autopilot",
     AlertEvent: "alert",
     SummaryEvent: "summary",
 }
+EVENT_TYPES = frozenset(_TYPE)
 # made once: json.dumps makes a new encoder for every call that departs from its defaults
 _encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 

@@ -117,7 +117,9 @@ class _Flying:
             return self._record()
         if isinstance(event, AlertEvent):
             self._alerts[event.id] = event
-        elif self._armed is not False:  # what is said on the ground is no result of a flight
+        elif (
+            isinstance(event, EstimateEvent) and self._armed is not False
+        ):  # what is said on the ground is no result of a flight
             self._last = event
             key = (event.motor, event.estimator, event.quantity)
             if key not in self._sums:

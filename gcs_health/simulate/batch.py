@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_health.samples import FlightReading, ImuReading, Reading, RotorReading
+from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
+from gcs_health.simulate.arithmetic import Value
 from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import Scenario
 from gcs_health.simulate.telemetry import BOOTED
@@ -27,6 +28,9 @@ class Flights:
     ----------
     imu_t (k,) [s]; imu (k, 6, count): ax, ay, az [m/s²], p, q, r [rad/s].
     rotor_t (m,) [s]; speed (m, n, count) [rad/s]; current (m, n, count) [A].
+    command_t (m,) [s]; command (m, n, count) [-]: speed wanted of each rotor, share of the top speed.
+    control (m, 5, count), at `command_t`: target lean, attitude error [rad], collective thrust as a share of
+    the most [-], climb rate [m/s], integral of the yaw rate loop as a share of its limit [-].
     height (k, count) [m]: the truth.
     flying_from [s].
     """
@@ -36,6 +40,9 @@ class Flights:
     rotor_t: Array
     speed: Array
     current: Array
+    command_t: Array
+    command: Array
+    control: Array
     height: Array
     flying_from: float
 
@@ -44,15 +51,19 @@ class Flights:
         """Number of flights."""
         return int(self.imu.shape[2])
 
-    def readings(self, flight: int) -> Iterator[Reading]:
-        """Yield one flight's readings in the order in which they arrived."""
+    def readings(self, flight: int, commands: bool = False) -> Iterator[Reading]:
+        """Yield one flight's readings in the order in which they arrived; `commands` among them or not."""
         imu = self.imu[:, :, flight].tolist()
         speed, current = self.speed[:, :, flight].tolist(), self.current[:, :, flight].tolist()
-        rotor_t = self.rotor_t.tolist()
+        command = self.command[:, :, flight].tolist() if commands else []
+        rotor_t, command_t = self.rotor_t.tolist(), self.command_t.tolist()
         volts = (float("nan"),) * self.speed.shape[1]
-        taken = 0
+        taken = told = 0
         flew = False
         for t, values, height in zip(self.imu_t.tolist(), imu, self.height[:, flight].tolist(), strict=True):
+            while told < len(command) and command_t[told] <= t:
+                yield CommandReading(command_t[told], tuple(command[told]))
+                told += 1
             while taken < len(rotor_t) and rotor_t[taken] <= t:
                 yield RotorReading(rotor_t[taken], tuple(speed[taken]), tuple(current[taken]), volts)
                 taken += 1
@@ -78,8 +89,10 @@ def fly_many(
     imu_every = max(1, round(1.0 / (imu_rate * world.dt)))
     esc_every = max(1, round(1.0 / (esc_rate * world.dt)))
     shape = len(seeds)
+    top = scenario.vehicle.motor.top
     imu, speed, current, height = [], [], [], []
     imu_t, rotor_t = [], []
+    command_t, command, control = [], [], []
     for k in range(1, steps + 1):
         world.step()
         if k % imu_every == 0:
@@ -93,12 +106,29 @@ def fly_many(
             rotor_t.append(BOOTED + told[0].t)
             speed.append([np.broadcast_to(sample.rpm * (np.pi / 30.0), shape) for sample in told])
             current.append([np.broadcast_to(sample.current, shape) for sample in told])
+            command_t.append(BOOTED + world.t)
+            command.append([np.broadcast_to(one, shape) / top for one in world.controller.wanted])
+            control.append([np.broadcast_to(one, shape) for one in _control(world, command[-1])])
     return Flights(
         np.array(imu_t),
         np.array(imu),
         np.array(rotor_t),
         np.array(speed),
         np.array(current),
+        np.array(command_t),
+        np.array(command),
+        np.array(control),
         np.array(height),
         BOOTED + scenario.trajectory.flying_from,
     )
+
+
+def _control(world: World, command: list[Array]) -> tuple[Value, ...]:
+    """Return a row of `Flights.control`."""
+    qw, qx, qy, qz = world.plant.attitude
+    z1, z2, z3 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+    d1, d2, d3 = world.controller.thrust_axis
+    error = np.arccos(np.clip(z1 * d1 + z2 * d2 + z3 * d3, -1.0, 1.0))
+    thrust = sum(one * one for one in command) / len(command)
+    lean = np.arccos(np.clip(d3, -1.0, 1.0))
+    return lean, error, thrust, -world.plant.velocity[2], world.controller.yaw_integral

@@ -63,13 +63,17 @@ class Table:
         if self.value("schema", None) != name:
             self.fail("schema", f"expected {name!r}, got {self._values.get('schema')!r}")
 
-    def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
-        """Return a finite number, not below `least`."""
+    def number(
+        self, key: str, default: Any = _REQUIRED, least: float = -math.inf, most: float = math.inf
+    ) -> float:
+        """Return a finite number, not below `least`, not above `most`."""
         value = self.value(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             self.fail(key, f"expected a number, got {value!r}")
         if value < least:
             self.fail(key, f"expected a number from {least:g} on, got {value!r}")
+        if value > most:
+            self.fail(key, f"expected a number up to {most:g}, got {value!r}")
         return float(value)
 
     def positive(self, key: str, default: Any = _REQUIRED) -> float:
@@ -85,6 +89,13 @@ class Table:
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             self.fail(key, f"expected a whole number from {least} on, got {value!r}")
         return int(value)
+
+    def flag(self, key: str, default: Any = _REQUIRED) -> bool:
+        """Return true or false."""
+        value = self.value(key, default)
+        if not isinstance(value, bool):
+            self.fail(key, f"expected true or false, got {value!r}")
+        return value
 
     def text(self, key: str, default: Any = _REQUIRED) -> str:
         """Return text."""

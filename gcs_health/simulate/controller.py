@@ -18,6 +18,8 @@ from gcs_health.simulate.plant import Plant
 from gcs_health.simulate.trajectory import Goal
 from gcs_health.simulate.vehicle import SimVehicle
 
+MOST_TRIM = 20.0  # rad/s², limit of the rate loops' integrals
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
@@ -37,7 +39,11 @@ class Gains:
 
 
 class Controller:
-    """Turns goal and state into rotor speeds; `allocate` takes a new set of rotors to use."""
+    """Turns goal and state into rotor speeds; `allocate` takes a new set of rotors to use.
+
+    `thrust_axis` is where body z should point, in the world; `yaw_integral` the yaw rate loop's integral
+    as a share of its limit.
+    """
 
     def __init__(self, vehicle: SimVehicle, ops: Arithmetic, dt: float, zero: Value, gains: Gains) -> None:
         self.vehicle = vehicle
@@ -48,6 +54,7 @@ class Controller:
         self._trim = [zero, zero, zero]  # rate integral [rad/s²]
         self._gyro = [zero, zero, zero]
         self.wanted: list[Value] = [zero] * len(vehicle.rotors)
+        self.thrust_axis: tuple[Value, Value, Value] = (zero, zero, zero + 1.0)
         self.crashed = zero > 1.0  # False, or a column of it
         self._mix: list[list[Value]] = mixer(vehicle, np.ones(len(vehicle.rotors))).tolist()
 
@@ -58,6 +65,11 @@ class Controller:
             return
         mixes = np.stack([mixer(self.vehicle, column) for column in usable.T], axis=2)
         self._mix = [list(row) for row in mixes]
+
+    @property
+    def yaw_integral(self) -> Value:
+        """Of the yaw rate loop, share of its limit [-]."""
+        return self._trim[2] / MOST_TRIM
 
     def update(self, plant: Plant, gyro: list[Value], goal: Goal) -> list[Value]:
         """Return the wanted rotor speeds [rad/s]."""
@@ -72,7 +84,7 @@ class Controller:
         ax, ay = ax * limit, ay * limit
         size = ops.sqrt(ax * ax + ay * ay + az * az)
         lift = plant.mass * ops.maximum(-(ax * z1 + ay * z2 + az * z3), 0.2 * GRAVITY)
-        d1, d2, d3 = -ax / size, -ay / size, -az / size
+        self.thrust_axis = d1, d2, d3 = -ax / size, -ay / size, -az / size
         # z_b x z_b* is the turn that is missing, in the world; its body components need body x and y
         e1, e2, e3 = z2 * d3 - z3 * d2, z3 * d1 - z1 * d3, z1 * d2 - z2 * d1
         x1, x2, x3 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
@@ -114,7 +126,7 @@ class Controller:
             gain = g.rate if k < 2 else g.yaw_rate
             error = ops.minimum(ops.maximum(goal, -g.fastest_turn), g.fastest_turn) - rate
             trim = self._trim[k] + g.rate_integral * self.dt * error * (1.0 if k < 2 else 0.3)
-            self._trim[k] = ops.minimum(ops.maximum(trim, -20.0), 20.0)
+            self._trim[k] = ops.minimum(ops.maximum(trim, -MOST_TRIM), MOST_TRIM)
             out.append(self.vehicle.inertia[k] * (gain * error + self._trim[k]))
         return out
 

@@ -1,6 +1,10 @@
-"""What the autopilot knows of each ESC, telemetry faults included."""
+"""What the autopilot knows of each ESC, telemetry faults and drop-outs included."""
 
+import math
+from collections.abc import Iterator
 from typing import NamedTuple
+
+import numpy as np
 
 from gcs_health.simulate.faults import KINDS, Fault
 from gcs_health.simulate.sensors import EscSample
@@ -16,17 +20,34 @@ class Slot(NamedTuple):
     packets: int
 
 
+class Silence(NamedTuple):
+    """A rotor's ESC is not heard, or, frozen, is heard to repeat itself; flight times [s]."""
+
+    rotor: int
+    start: float
+    end: float
+    frozen: bool = False
+
+
 NOBODY = Slot(None, False, 0.0, 0)
 
 
 class EscView:
-    """ESC indices of one flight."""
+    """ESC indices of one flight; an ESC silent for more than `patience` s is no longer alive."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, patience: float = 0.0) -> None:
         self._world = world
+        self._patience = patience
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(world.scenario.vehicle.rotors)}
-        self._faults = [fault for fault in world.faults if KINDS[fault.kind].telemetry]
-        self._held: dict[Fault, tuple[EscSample | None, int]] = {}
+        faults = [fault for fault in world.faults if KINDS[fault.kind].telemetry]
+        self._swaps = [fault for fault in faults if fault.kind == "esc_swapped"]
+        self._silences = [
+            Silence(fault.rotor, fault.at, math.inf, fault.kind == "esc_frozen")
+            for fault in faults
+            if fault.kind != "esc_swapped"
+        ]
+        self._silences += drop_outs(world)
+        self._held: dict[Silence, tuple[EscSample | None, int]] = {}
         self.slots = max(self._rotor_of) + 1
 
     def slot(self, index: int, t: float) -> Slot:
@@ -34,14 +55,36 @@ class EscView:
         rotor = self._rotor_of.get(index)
         if rotor is None:
             return NOBODY
-        for fault in self._faults:
-            if fault.kind == "esc_swapped" and t >= fault.at:
-                other = int(fault.size) - 1
-                rotor = {fault.rotor: other, other: fault.rotor}.get(rotor, rotor)
+        for swap in self._swaps:
+            if t >= swap.at:
+                rotor = _swapped(rotor, swap)
         escs = self._world.escs
         sample, packets, silent = escs.known[rotor], escs.packets[rotor], 0.0
-        for fault in self._faults:
-            if fault.rotor == rotor and t >= fault.at and fault.kind != "esc_swapped":
-                sample, packets = self._held.setdefault(fault, (sample, packets))
-                silent = t - fault.at if fault.kind == "esc_lost" else 0.0
-        return Slot(sample, sample is not None and silent == 0.0, silent, packets)
+        for silence in self._silences:
+            if silence.rotor == rotor and silence.start <= t < silence.end:
+                sample, packets = self._held.setdefault(silence, (sample, packets))
+                silent = max(silent, 0.0 if silence.frozen else t - silence.start)
+        return Slot(sample, sample is not None and silent <= self._patience, silent, packets)
+
+
+def _swapped(rotor: int, swap: Fault) -> int:
+    other = int(swap.size) - 1
+    return {int(swap.rotor): other, other: int(swap.rotor)}.get(rotor, rotor)
+
+
+def drop_outs(world: World) -> Iterator[Silence]:
+    """Yield when which ESC is not heard for a moment: a Poisson process each, lengths exponential."""
+    sensors, scenario = world.scenario.sensors, world.scenario
+    if not sensors.esc_dropouts:
+        return
+    for rotor, stream in enumerate(
+        np.random.SeedSequence((scenario.seed, 8)).spawn(len(scenario.vehicle.rotors))
+    ):
+        rng = np.random.default_rng(stream)
+        end = 0.0
+        while True:
+            start = end + rng.exponential(60.0 / sensors.esc_dropouts)
+            if start >= scenario.trajectory.duration:
+                break
+            end = start + rng.exponential(sensors.esc_dropout_length)
+            yield Silence(rotor, start, end)

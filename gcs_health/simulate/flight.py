@@ -19,6 +19,7 @@ from gcs_health.simulate.world import World
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 ACCEPTED, UNSUPPORTED, FAILED = 0, 3, 4
 PARAMETERS_FROM, PARAMETER_STEP = 0.2, 0.01  # s; a ground station has just connected
+SYSTEM = 1
 NEIGHBOUR = 7  # system id of the other vehicle on the port
 
 
@@ -34,7 +35,7 @@ class Flight:
         self.scenario = scenario
         self._dialect = dialect or default_dialect()
         self.world = World(scenario, [scenario.seed])
-        self._telemetry = Telemetry(self.world, self._dialect)
+        self._telemetry = Telemetry(self.world, self._dialect, SYSTEM)
         self._air = Air(
             scenario.link, np.random.default_rng(np.random.SeedSequence(scenario.seed).spawn(7)[6])
         )
@@ -108,6 +109,8 @@ class Flight:
             ):
                 values = known.layout.unpack(payload.ljust(known.size, b"\0")[: known.size])
                 fields = {name: values[at] for name, (at, _) in known.positions.items()}
+                if fields["target_system"] not in (0, SYSTEM):
+                    continue  # meant for another vehicle on the same port
                 getattr(self, f"_on_{known.name.lower()}")(fields)
         self._next = 0.0
 
@@ -116,10 +119,10 @@ class Flight:
         result, extra = UNSUPPORTED, []
         name = self._name_of(int(first)) if first == first else ""
         if command == SET_MESSAGE_INTERVAL:
-            interval = math.inf if second < 0.0 else max(second * 1e-6, self.world.dt)
+            interval = math.inf if second < 0.0 else max(second * 1e-6, self.world.dt) if second else 0.0
             result = ACCEPTED if self._telemetry.set_interval(name, interval) else FAILED
         elif command == REQUEST_MESSAGE:
-            extra = self._requested(name)
+            extra = self._requested(name, second)
             result = ACCEPTED if extra else UNSUPPORTED
         encoder = self._telemetry.encoder
         self._air.send(self.world.t, encoder.frame("COMMAND_ACK", command=command, result=result))
@@ -130,7 +133,12 @@ class Flight:
         name = self._dialect.name(message)
         return "ESC_TELEMETRY" if name.startswith("ESC_TELEMETRY_") else name
 
-    def _requested(self, name: str) -> list[bytes]:
+    def _requested(self, name: str, second: float) -> list[bytes]:
+        if name == "MESSAGE_INTERVAL":
+            asked = int(second) if second == second else 0
+            interval = self._telemetry.interval.get(self._name_of(asked))
+            us = 0 if interval is None else -1 if interval == math.inf else round(interval * 1e6)
+            return [self._telemetry.encoder.frame(name, message_id=asked, interval_us=us)]
         if name == "AUTOPILOT_VERSION":
             # MAVLINK2, MESSAGE_INTERVAL and the way parameters are encoded
             encoding = 0x20000 if self._telemetry.ardupilot else 0x10000

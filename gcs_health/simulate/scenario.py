@@ -4,6 +4,7 @@ Everything has a default but the vehicle; unknown keys, faults before take-off a
 there get one line that names file and key. `--set wind.speed=5` edits a value before it is checked.
 """
 
+import math
 import tomllib
 from dataclasses import dataclass, field, fields
 from importlib import resources
@@ -21,6 +22,12 @@ from gcs_health.simulate.vehicle import SimVehicle, load_sim_vehicle
 from gcs_health.simulate.wind import GRADES
 
 SCHEMA = "gcs_health.scenario/1"
+FASTEST_PHYSICS = 20_000.0  # Hz; finer steps cost time and show nothing new
+SHARES = ("loss", "burst_loss", "reorder", "duplicate")
+ABOVE_0 = (
+    *("imu_integration_rate", "imu_filter", "accelerometer_range", "gyro_range"),
+    *("esc_rate", "esc_rpm_step", "esc_current_step"),
+)
 AUTOPILOTS = ("px4", "px4_g1", "px4_g2", "px4_g3", "ardupilot")
 
 
@@ -156,7 +163,7 @@ def _scenario(table: Table, which: str, path: Path | None) -> Scenario:
         name=path.stem if path else table.text("name", which),
         about=table.text("about", ""),
         seed=table.integer("seed", 1),
-        physics_rate=table.number("physics_rate", 1000.0, least=500.0),
+        physics_rate=table.number("physics_rate", 1000.0, least=500.0, most=FASTEST_PHYSICS),
         reaction=table.number("reaction", 0.15, least=0.0),
         trajectory=trajectory,
         wind=_wind(table.table("wind")),
@@ -179,7 +186,7 @@ def _trajectory(row: Table) -> Trajectory:
         speed=row.number("speed", d.speed, least=0.0),
         radius=row.positive("radius", d.radius),
         every=row.positive("every", d.every),
-        lands=bool(row.value("lands", d.lands)),
+        lands=row.flag("lands", d.lands),
         duration=row.positive("duration", d.duration),
     )
     row.done()
@@ -232,12 +239,13 @@ def _numbers(row: Table, kind: type[Any], choices: dict[str, tuple[str, ...]]) -
         if item.name in choices:
             values[item.name] = row.choice(item.name, choices[item.name], item.default)
         elif isinstance(item.default, bool):
-            value = row.value(item.name, item.default)
-            if not isinstance(value, bool):
-                row.fail(item.name, f"expected true or false, got {value!r}")
-            values[item.name] = value
+            values[item.name] = row.flag(item.name, item.default)
+        elif item.name in ABOVE_0:
+            values[item.name] = row.positive(item.name, item.default)
         else:
-            values[item.name] = row.number(item.name, item.default, least=0.0)
+            least = 1.0 if item.name == "burst" else 0.0
+            most = 1.0 if item.name in SHARES else math.inf
+            values[item.name] = row.number(item.name, item.default, least, most)
     row.done()
     return kind(**values)
 

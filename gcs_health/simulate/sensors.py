@@ -34,7 +34,8 @@ class SensorConfig:
     residual_unbalance : usual acceleration of a healthy propeller at hover speed [m/s²].
     esc_rate : how often an ESC is read [Hz]. esc_sequential : one after another, as serial telemetry is.
     esc_latency [s]; esc_rpm_step [rpm]; esc_current : "motor" or "battery" side; esc_current_noise [A];
-    esc_current_step [A].
+    esc_current_step [A]. esc_dropouts : how often each ESC is not heard for a moment [1/min], for
+    esc_dropout_length [s] on average; what is sent meanwhile is the autopilot's habit (zeros, or what it heard last).
     """
 
     imu_integration_rate: float = 200.0
@@ -53,6 +54,8 @@ class SensorConfig:
     esc_current: str = "motor"
     esc_current_noise: float = 0.1
     esc_current_step: float = 0.01
+    esc_dropouts: float = 0.0
+    esc_dropout_length: float = 0.5
 
 
 class Noise:

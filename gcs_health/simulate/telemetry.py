@@ -18,6 +18,7 @@ from gcs_health.simulate.world import World
 BOOTED = 5.0  # s since boot at flight time 0
 UNIX_BOOT_US = 1_700_000_000_000_000
 ARMED, CUSTOM_MODE_ON = 128, 1
+UNUSED = 65535
 ESC_GROUPS = ("1_TO_4", "5_TO_8", "9_TO_12")
 
 
@@ -39,9 +40,11 @@ class Telemetry:
         self.ardupilot = told.autopilot == "ardupilot"
         self.generation = {"px4_g1": 1, "px4_g2": 2}.get(told.autopilot, 3)
         rates = RATES["ardupilot" if self.ardupilot else "px4"] | told.rates
-        self.interval = {name: 1.0 / rate if rate > 0.0 else math.inf for name, rate in rates.items()}
+        self._usual = {name: 1.0 / rate if rate > 0.0 else math.inf for name, rate in rates.items()}
+        self.interval = dict(self._usual)
         self._next = {name: 0.1 + 1e-3 * k for k, name in enumerate(rates)}
-        self.escs = EscView(world)
+        # the newest PX4 keeps an ESC's values for 0.1 s of silence; older drivers zero them at once
+        self.escs = EscView(world, 0.1 if self.generation == 3 and not self.ardupilot else 0.0)
         self._build: dict[str, Callable[[float], list[bytes]]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -74,9 +77,10 @@ class Telemetry:
         return min(self._next.values())
 
     def set_interval(self, name: str, interval: float) -> bool:
-        """Send a message every `interval` s (infinite = never); return whether there is such a one."""
+        """Send a message every `interval` s (infinite = never, 0 = as usual); return whether there is such a one."""
         if name not in self._next:
             return False
+        interval = interval or self._usual[name]
         self.interval[name] = interval
         self._next[name] = self.world.t + min(interval, 1e-3) if interval < math.inf else math.inf
         return True
@@ -256,9 +260,10 @@ class Telemetry:
         return [wanted / top for wanted in self.world.controller.wanted]
 
     def _servo_output_raw(self, t: float) -> list[bytes]:
-        fields: dict[str, int] = {
-            f"servo{k + 1}_raw": round(1000.0 + 1000.0 * value) for k, value in enumerate(self._outputs())
-        }
+        # PX4 says of an unused output that it is not there, ArduPilot gives 0
+        fields = {} if self.ardupilot else {f"servo{k + 1}_raw": UNUSED for k in range(8)}
+        for rotor, value in zip(self.world.scenario.vehicle.rotors, self._outputs(), strict=True):
+            fields[f"servo{rotor.esc + 1}_raw"] = round(1000.0 + 1000.0 * value)
         return [self.encoder.frame("SERVO_OUTPUT_RAW", time_usec=self.boot_us(t) & 0xFFFFFFFF, **fields)]
 
     def _actuator_output_status(self, t: float) -> list[bytes]:

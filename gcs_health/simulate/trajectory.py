@@ -9,6 +9,7 @@ from gcs_health.simulate.arithmetic import Value
 
 KINDS = ("hover", "random", "circle", "aggressive", "forward")
 ARM, CLIMB, CLIMB_RATE, SINK_RATE = 0.5, 2.0, 1.5, 0.8  # s, s, m/s, m/s
+FORWARD_GAIN = 3.0  # m/s²
 
 
 @dataclass(slots=True)
@@ -93,7 +94,10 @@ class Pilot:
             s, c = math.sin(angle), math.cos(angle)
             return p.radius * s, p.radius * (1.0 - c), 0.0, p.speed * c, p.speed * s
         if p.kind == "forward":
-            return p.speed * since, 0.0, 0.0, p.speed, 0.0
+            # gathers speed first: a goal that runs ahead at once would be chased at up to twice its speed
+            gathering = min(since, p.speed / FORWARD_GAIN)
+            speed = FORWARD_GAIN * gathering
+            return speed * (since - 0.5 * gathering), 0.0, 0.0, speed, 0.0
         if p.kind == "hover":
             return 0.0, 0.0, 0.0, 0.0, 0.0
         x, y, z = self._points[int(since / p.every)]

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Self
 
 from gcs_health.errors import ConfigError
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, SummaryEvent, VehicleEvent, to_json
+from gcs_health.record.events import EVENT_TYPES, Event, to_json
 
 
 class JsonLines:
     """Appends to `path`; the first line of each session names the schema."""
 
-    takes: frozenset[type] = frozenset({VehicleEvent, EstimateEvent, AlertEvent, SummaryEvent})
+    takes: frozenset[type] = EVENT_TYPES
     estimate_period = 0.0
 
     def __init__(self, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 Each frame is sent with the vehicle's system id and the component id of a companion computer, so that
 ground stations show it with the vehicle that it is about. STATUSTEXT is what every station shows;
-ROTOR_HEALTH and ROTOR_ALERT (`dialects/gcs_health.xml`) are for programs.
+ROTOR_HEALTH, ROTOR_VERDICT and ROTOR_ALERT (`dialects/gcs_health.xml`) are for programs.
 """
 
 import math
@@ -13,7 +13,7 @@ from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.encoder import Encoder
 from gcs_health.mavlink.endpoints import SerialLink, TcpLink, UdpLink
 from gcs_health.mavlink.spellings import Endpoint, parse_endpoint
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event
+from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VerdictEvent
 from gcs_health.sinks.contract import SinkError
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
@@ -28,13 +28,13 @@ LINKS: dict[str, type[UdpLink] | type[TcpLink] | type[SerialLink]] = {
 # the enumerations of dialects/gcs_health.xml; 0 is "other": what has no number there yet
 QUANTITY = {"effectiveness": 1, "unbalance": 2, "drag": 3, "degradation": 4}
 STATUS = {"unobservable": 1, "converging": 2, "valid": 3, "diverged": 4}
-STATE = {"raised": 1, "updated": 2, "escalated": 3, "acknowledged": 4, "cleared": 5}
+STATE = {"raised": 1, "updated": 2, "escalated": 3, "acknowledged": 4, "cleared": 5, "shelved": 6}
 
 
 class MavlinkOut:
     """Sends to `endpoint`."""
 
-    takes: frozenset[type] = frozenset({EstimateEvent, AlertEvent})
+    takes: frozenset[type] = frozenset({EstimateEvent, VerdictEvent, AlertEvent})
     estimate_period = 1.0
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -81,6 +81,8 @@ class MavlinkOut:
             )
         if isinstance(event, EstimateEvent):
             frames.append(rotor_health(encoder, event))
+        elif isinstance(event, VerdictEvent):
+            frames.append(rotor_verdict(encoder, event))
         elif isinstance(event, AlertEvent):
             frames += [rotor_alert(encoder, event), *self._status_texts(encoder, event)]
         for frame in frames:
@@ -122,6 +124,17 @@ def rotor_health(encoder: Encoder, event: EstimateEvent) -> bytes:
     )
 
 
+def rotor_verdict(encoder: Encoder, event: VerdictEvent) -> bytes:
+    """Return what is believed of a rotor as ROTOR_VERDICT."""
+    return encoder.frame(
+        "ROTOR_VERDICT",
+        **_head(event),
+        known=int(event.known),
+        probability=event.probability,
+        kind=event.kind,
+    )
+
+
 def rotor_alert(encoder: Encoder, event: AlertEvent) -> bytes:
     """Return a step of an alert as ROTOR_ALERT."""
     return encoder.frame(
@@ -135,6 +148,6 @@ def rotor_alert(encoder: Encoder, event: AlertEvent) -> bytes:
     )
 
 
-def _head(event: EstimateEvent | AlertEvent) -> dict[str, Any]:
+def _head(event: EstimateEvent | VerdictEvent | AlertEvent) -> dict[str, Any]:
     time_us = round(event.t * 1e6) if math.isfinite(event.t) else 0
     return {"time_usec": max(time_us, 0), "motor": event.motor, "esc_index": event.rotor}

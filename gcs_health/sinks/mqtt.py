@@ -1,7 +1,8 @@
 """Events to an MQTT broker, each as its JSON line; alerts are handed over for good before the next is sent.
 
 TOPIC/status                                   "online", or "offline" by the broker when we are gone
-TOPIC/1.1/alert, TOPIC/1.1/vehicle, TOPIC/1.1/summary
+TOPIC/1.1/alert                                likewise vehicle, autopilot and summary
+TOPIC/1.1/motor/3/verdict                      when it changes
 TOPIC/1.1/motor/3/effectiveness/effectiveness  estimator and quantity, once a second
 """
 
@@ -11,19 +12,29 @@ from typing import Any, Self
 from urllib.parse import unquote, urlsplit
 
 from gcs_health.errors import ConfigError
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, SummaryEvent, VehicleEvent, to_json
+from gcs_health.record.events import (
+    EVENT_TYPES,
+    AlertEvent,
+    AutopilotEvent,
+    EstimateEvent,
+    Event,
+    SummaryEvent,
+    VehicleEvent,
+    VerdictEvent,
+    to_json,
+)
 from gcs_health.sinks.contract import SinkError
 
 PORT = 1883
 TIMEOUT = 10.0  # s for the broker to answer
 TOPIC = "gcs_health"
-_LEVEL = {AlertEvent: "alert", VehicleEvent: "vehicle", SummaryEvent: "summary"}
+_LEVEL = {AlertEvent: "alert", VehicleEvent: "vehicle", SummaryEvent: "summary", AutopilotEvent: "autopilot"}
 
 
 class Mqtt:
     """Publishes under `topic` at a broker."""
 
-    takes: frozenset[type] = frozenset({VehicleEvent, EstimateEvent, AlertEvent, SummaryEvent})
+    takes: frozenset[type] = EVENT_TYPES
     estimate_period = 1.0
 
     def __init__(self, host: str, port: int, topic: str, user: str | None, password: str | None) -> None:
@@ -80,6 +91,8 @@ class Mqtt:
         if isinstance(event, EstimateEvent):
             where = f"{event.vehicle}/motor/{event.motor}/{event.estimator}/{event.quantity}"
             self._publish(where, line, qos=0)
+        elif isinstance(event, VerdictEvent):
+            self._publish(f"{event.vehicle}/motor/{event.motor}/verdict", line, qos=1)
         else:
             self._publish(f"{event.vehicle}/{_LEVEL[type(event)]}", line, qos=1)
 

@@ -7,7 +7,7 @@ import math
 from typing import Any, Self
 
 from gcs_health.errors import ConfigError
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event
+from gcs_health.record.events import AlertEvent, EstimateEvent, Event, VerdictEvent
 
 HOST = "127.0.0.1"
 ROTOR = ("vehicle", "motor", "estimator", "quantity")
@@ -17,7 +17,7 @@ VALID = "valid"
 class Prometheus:
     """Serves /metrics at `host`:`port`; on this computer alone unless told otherwise."""
 
-    takes: frozenset[type] = frozenset({EstimateEvent, AlertEvent})
+    takes: frozenset[type] = frozenset({EstimateEvent, VerdictEvent, AlertEvent})
     estimate_period = 0.0
 
     def __init__(self, host: str, port: int) -> None:
@@ -40,6 +40,13 @@ class Prometheus:
             registry=registry,
         )
         self._valid = gauge(f"{name}valid", "1 = the estimate is valid.", ROTOR, registry=registry)
+        self._verdict = gauge(
+            f"{name}verdict_probability",
+            "Of the likeliest kind; NaN = nothing that sees thrust spoke lately.",
+            ("vehicle", "motor", "kind"),
+            registry=registry,
+        )
+        self._kind: dict[tuple[str, str], str] = {}
         self._last = gauge(
             "gcs_health_vehicle_last_seconds",
             "UNIX time of the last datum behind what is shown.",
@@ -82,8 +89,18 @@ class Prometheus:
             self._std.labels(*labels).set(event.std if valid else math.nan)
             self._probability.labels(*labels).set(event.failure_probability)
             self._valid.labels(*labels).set(valid)
+        elif isinstance(event, VerdictEvent):
+            self._judge(event)
         elif isinstance(event, AlertEvent):
             self._alert(event)
+
+    def _judge(self, event: VerdictEvent) -> None:
+        rotor = (event.vehicle, str(event.motor))
+        before = self._kind.get(rotor)
+        if before is not None and before != event.kind:  # one kind a rotor is shown
+            self._verdict.remove(*rotor, before)
+        self._kind[rotor] = event.kind
+        self._verdict.labels(*rotor, event.kind).set(event.probability if event.known else math.nan)
 
     def _alert(self, event: AlertEvent) -> None:
         labels = (event.vehicle, str(event.motor), event.code)

@@ -24,7 +24,16 @@ from sink_ends import (
 
 from gcs_health.cli import main
 from gcs_health.errors import ConfigError
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, SummaryEvent, VehicleEvent
+from gcs_health.record.events import (
+    EVENT_TYPES,
+    AlertEvent,
+    AutopilotEvent,
+    EstimateEvent,
+    Event,
+    SummaryEvent,
+    VehicleEvent,
+    VerdictEvent,
+)
 from gcs_health.sinks import REGISTRY, parse_sink
 from gcs_health.sinks.contract import Rejected, SinkError
 from gcs_health.sinks.outlet import QUEUE, Outlet
@@ -46,6 +55,10 @@ def estimate(t: float, motor: int = 3, value: float = 0.25, status: str = "valid
         t, START_US + int(t * 1e6), "7.1", "effectiveness", motor - 1, motor, "effectiveness", value, 0.05,
         0.9, status, (), math.nan,
     )  # fmt: skip
+
+
+def verdict(t: float = 17.0, kind: str = "healthy", known: bool = True) -> VerdictEvent:
+    return VerdictEvent(t, START_US + int(t * 1e6), "7.1", 2, 3, kind, 0.75, known, t, ("effectiveness",))
 
 
 @pytest.fixture(autouse=True)
@@ -92,11 +105,15 @@ def test_it_takes_what_it_says(end: End) -> None:
         VehicleEvent(1.0, START_US, "7.1", "seen", "vehicle 7.1 seen"),
         estimate(2.0),
         estimate(3.0, value=math.nan, status="unobservable"),
+        verdict(),
+        verdict(kind="propeller_lost"),
+        AutopilotEvent(3.0, START_US, "7.1", "motor_failure", (3,), "Motor failure", "agrees"),
         alert(),
         alert(state="escalated", code="PROPELLER_LOST"),
         alert(state="cleared", code="PROPELLER_LOST"),
         SummaryEvent(9.0, START_US, "7.1", 9.0, {}, {}, {}, (), (), ()),
     ]
+    assert {type(event) for event in events} == EVENT_TYPES
     assert AlertEvent in sink.takes
     sink.open()
     for event in events:
@@ -300,8 +317,12 @@ def test_a_scrape_shows_the_rotors_and_open_alerts(tmp_path: Path) -> None:
     sink.emit(estimate(1.0))
     sink.emit(estimate(1.0, motor=1, value=1.0, status="unobservable"))
     sink.emit(alert())
+    for said in (verdict(), verdict(kind="propeller_lost")):
+        sink.emit(said)
     sink.emit(alert(state="escalated", code="PROPELLER_LOST", t=18.0))
     shown = end.scrape()
+    assert shown["gcs_health_rotor_verdict_probability", "7.1", "3", "propeller_lost"] == 0.75
+    assert ("gcs_health_rotor_verdict_probability", "7.1", "3", "healthy") not in shown
     rotor = ("7.1", "3", "effectiveness", "effectiveness")
     assert shown["gcs_health_rotor_value", *rotor] == 0.25
     assert shown["gcs_health_rotor_std", *rotor] == 0.05
@@ -346,11 +367,12 @@ def test_a_second_mavlink_client_reads_it_in_words_and_in_figures(tmp_path: Path
         sink.open()
         sink.emit(estimate(17.0))
         sink.emit(alert())
-        heard = [station.recv(2048) for _ in range(5)]
+        sink.emit(verdict(kind="propeller_lost"))
+        heard = [station.recv(2048) for _ in range(6)]
         sink.close()
     stock, own = common.MAVLink(None), ours.MAVLink(None)
     beat, first, second = (stock.parse_char(heard[k]) for k in (0, 3, 4))
-    health, told = (own.parse_char(heard[k]) for k in (1, 2))
+    health, told, believed = (own.parse_char(heard[k]) for k in (1, 2, 5))
     assert (beat.get_type(), beat.get_srcSystem(), beat.get_srcComponent()) == ("HEARTBEAT", 7, 191)
     assert (health.get_type(), health.motor, health.esc_index, health.time_usec) == (
         "ROTOR_HEALTH",
@@ -362,6 +384,12 @@ def test_a_second_mavlink_client_reads_it_in_words_and_in_figures(tmp_path: Path
     assert ours.enums["ROTOR_ESTIMATE_STATUS"][health.status].name == "ROTOR_ESTIMATE_STATUS_VALID"
     assert math.isnan(health.detectable)
     assert (told.code, told.motor, told.state, told.severity, told.id) == ("ROTOR_FAILED", 3, 1, 1, 1)
+    assert (believed.kind, believed.motor, believed.known, believed.probability) == (
+        "propeller_lost",
+        3,
+        1,
+        0.75,
+    )
     assert told.probability == pytest.approx(0.99)
     assert (first.severity, first.id, first.chunk_seq, second.chunk_seq) == (1, 1, 0, 1)
     assert first.text + second.text == f"ROTOR_FAILED raised: {alert().text}"

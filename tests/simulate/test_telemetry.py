@@ -144,7 +144,17 @@ def test_what_a_ground_station_asks_is_answered() -> None:
     assert sum(isinstance(s, Imu) for s in faster) == pytest.approx(200, abs=12)
     silent = answers(interval(105, -1.0), 0.5)
     assert sum(isinstance(s, Imu) for s in silent) <= 2
+    usual = answers(interval(105, 0.0))
+    assert acknowledged(usual, 511) == 0
+    assert sum(isinstance(s, Imu) for s in usual) == pytest.approx(50, abs=3)
     assert acknowledged(answers(interval(9999, 1e5)), 511) == 4
+    asked = station.frame("COMMAND_LONG", target_system=1, command=512, param1=244, param2=105)
+    (told,) = [s.fields for s in answers(asked) if s.message == 244]
+    assert (told["message_id"], told["interval_us"]) == (105, 20_000)
+    elsewhere = station.frame("COMMAND_LONG", target_system=7, command=511, param1=105, param2=-1.0)
+    silence = answers(elsewhere)
+    assert not any(s.message == 77 for s in silence)
+    assert sum(isinstance(s, Imu) for s in silence) > 40
     version = answers(station.frame("COMMAND_LONG", target_system=1, command=512, param1=148))
     assert acknowledged(version, 512) == 0
     assert any(s.message == 148 for s in version)
@@ -180,6 +190,18 @@ def test_a_poor_link_loses_delays_doubles_and_reorders_as_told() -> None:
     mixed = np.array([k for _, k in sent_over(Link(reorder=0.05))])
     overtaken = np.count_nonzero(np.diff(mixed) < 0)
     assert overtaken == pytest.approx(0.05 * count, rel=0.15)
+
+
+def test_an_unused_output_is_said_to_be_so_by_px4() -> None:
+    for autopilot, unused in (("px4", 65535), ("ardupilot", 0)):
+        one = flight("healthy_quad", f"telemetry.autopilot={autopilot}", "telemetry.rates={}")
+        while one.world.t < 6.0:
+            one.step()
+        (frame,) = one._telemetry.one("SERVO_OUTPUT_RAW")
+        values = DIALECT.messages[36].layout.unpack(frame[10:-2].ljust(DIALECT.messages[36].size, b"\0"))
+        at = [DIALECT.messages[36].positions[f"servo{k}_raw"][0] for k in range(1, 9)]
+        assert [values[k] for k in at[4:]] == [unused] * 4
+        assert all(1200 < values[k] < 1900 for k in at[:4])
 
 
 def test_a_second_vehicle_on_the_port_is_another_vehicle() -> None:

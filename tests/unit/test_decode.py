@@ -256,6 +256,15 @@ def test_a_dirty_log_gives_all_its_true_frames_and_no_other(chunk: int) -> None:
     assert decoder.counters.bytes == len(log) - 5
 
 
+def test_more_frames_in_one_piece_than_are_checked_at_once() -> None:
+    frame = v2(0, HEARTBEAT)
+    frames = [frame] * 17_000
+    frames[16_500] = frame[:-1] + bytes([frame[-1] ^ 1])
+    found, decoder = decode(stamped(frames), chunk=1 << 20)
+    assert [f.receive_us - START_US for f in found] == [1000 * k for k in range(17_000) if k != 16_500]
+    assert decoder.counters.dropped == {"bad_crc": 1}
+
+
 def test_a_log_cut_anywhere_loses_only_its_last_record() -> None:
     frames = healthy(20)
     log = stamped(frames)

@@ -38,7 +38,7 @@ def test_our_own_messages_lie_in_no_other_dialect_s_block() -> None:
 
     from gcs_health.mavlink.generated import gcs_health
 
-    assert set(gcs_health.mavlink_map) == {53500, 53501}
+    assert set(gcs_health.mavlink_map) == {53500, 53501, 53502}
     assert not set(stock.mavlink_map) & set(range(53500, 53520))
 
 

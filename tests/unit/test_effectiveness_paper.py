@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from synthetic_flight import Scenario, airframe, fly
 
 from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
@@ -86,3 +87,56 @@ def test_it_finds_a_lost_propeller_and_clears_by_its_own_rule() -> None:
     assert first.rotor == 2
     assert first.failure_probability > 0.9
     assert 7.0 < first_t < 7.25
+
+
+def test_the_filter_is_consistent_on_data_of_its_own_model() -> None:
+    """Mean NEES and NIS of many runs lie in their 95 % bands; the clamp is off, it has no place in the model."""
+    runs, steps, n = 100, 80, 4
+    config = PaperConfig(Q=2e-4, P0=0.1, clamp=(-math.inf, math.inf))
+    rng = np.random.default_rng(2023)
+    nees, nis = np.zeros((runs, steps)), np.zeros((runs, steps))
+    for run in range(runs):
+        paper = PaperFilter(airframe(n), config)
+        truth = 1.0 + math.sqrt(config.P0) * rng.standard_normal(n)
+        for k in range(steps):
+            truth = truth + math.sqrt(config.Q) * rng.standard_normal(n)
+            speeds = (600.0 * rng.uniform(0.8, 1.2, n)).tolist()
+            H = np.array(paper._rows(speeds))
+            z = H @ truth + math.sqrt(config.R) * rng.standard_normal(3)
+            S = H @ (np.array(paper.P) + config.Q * np.eye(n)) @ H.T + config.R * np.eye(3)
+            innovation = z - H @ paper.x
+            nis[run, k] = innovation @ np.linalg.solve(S, innovation)
+            paper._update(speeds, tuple(z.tolist()), config.Q)
+            error = truth - paper.x
+            nees[run, k] = error @ np.linalg.solve(np.array(paper.P), error)
+    for values, degrees in ((nees, n), (nis, 3)):
+        low, high = chi2.ppf([0.025, 0.975], degrees * runs) / runs
+        means = values.mean(axis=0)
+        # successive NEES are correlated, so the share of steps inside scatters about .95
+        assert np.mean((means > low) & (means < high)) > 0.88
+        whole = values[:, ::20].mean()
+        assert low < whole < high
+
+
+def test_the_variance_cap_keeps_correlations() -> None:
+    paper = PaperFilter(airframe(4), PaperConfig(variance_cap=0.05))
+    for _ in range(500):
+        paper._update([600.0] * 4, (0.0, 0.0, -9.8), 0.01)
+    P = np.array(paper.P)
+    assert P.diagonal().max() == pytest.approx(0.05)
+    free = PaperFilter(airframe(4), PaperConfig())
+    for _ in range(500):
+        free._update([600.0] * 4, (0.0, 0.0, -9.8), 0.01)
+    assert np.array(free.P).diagonal().max() > 1.0  # the null direction grows
+    correlation = P / np.sqrt(np.outer(P.diagonal(), P.diagonal()))
+    assert np.linalg.eigvalsh(correlation).min() > -1e-9
+
+
+def test_the_single_fault_check_names_the_rotor_and_not_its_diagonal() -> None:
+    paper = PaperFilter(airframe(4), PaperConfig(single_fault_check=True))
+    speeds = [580.0, 640.0, 600.0, 620.0]
+    H = np.array(paper._rows(speeds))
+    for lost in range(4):
+        k = np.ones(4)
+        k[lost] = 0.3
+        assert paper._single_fault(speeds, tuple((H @ k).tolist())) == lost

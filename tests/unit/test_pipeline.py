@@ -101,7 +101,7 @@ def test_every_line_follows_the_published_schema() -> None:
     validator = jsonschema.Draft202012Validator(schema)
     written = [json.loads(line) for line in lines(replay(FLIGHT))]
     assert written[0]["schema"] == SCHEMA
-    assert {line["type"] for line in written} == {"vehicle", "estimate", "alert", "summary"}
+    assert {line["type"] for line in written} == {"vehicle", "estimate", "verdict", "alert", "summary"}
     for line in written:
         validator.validate(line)
     with pytest.raises(jsonschema.ValidationError):
@@ -184,5 +184,5 @@ def test_the_survey_counts_every_system_and_names_what_is_missing() -> None:
     ]
     assert survey.systems[1].messages[0].count == 10
     assert survey.systems[1].messages[0].rate == pytest.approx(1.0)
-    missing = [need.input.value for need in survey.vehicles[0].needs if not need.met]
+    missing = [need.input.value for need in survey.vehicles[0].needs["effectiveness"] if not need.met]
     assert missing == ["accelerations and rates", "rotor speeds", "airframe geometry", "landed state"]

@@ -405,14 +405,17 @@ ROTOR_ALERT_STATE_ACKNOWLEDGED = 4
 enums["ROTOR_ALERT_STATE"][4] = EnumEntry("ROTOR_ALERT_STATE_ACKNOWLEDGED", """The operator has seen it.""")
 ROTOR_ALERT_STATE_CLEARED = 5
 enums["ROTOR_ALERT_STATE"][5] = EnumEntry("ROTOR_ALERT_STATE_CLEARED", """It is over.""")
-ROTOR_ALERT_STATE_ENUM_END = 6
-enums["ROTOR_ALERT_STATE"][6] = EnumEntry("ROTOR_ALERT_STATE_ENUM_END", """""")
+ROTOR_ALERT_STATE_SHELVED = 6
+enums["ROTOR_ALERT_STATE"][6] = EnumEntry("ROTOR_ALERT_STATE_SHELVED", """The operator wants to hear of it later.""")
+ROTOR_ALERT_STATE_ENUM_END = 7
+enums["ROTOR_ALERT_STATE"][7] = EnumEntry("ROTOR_ALERT_STATE_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
 MAVLINK_MSG_ID_UNKNOWN = -2
 MAVLINK_MSG_ID_ROTOR_HEALTH = 53500
 MAVLINK_MSG_ID_ROTOR_ALERT = 53501
+MAVLINK_MSG_ID_ROTOR_VERDICT = 53502
 
 
 class MAVLink_rotor_health_message(MAVLink_message):
@@ -511,9 +514,55 @@ class MAVLink_rotor_alert_message(MAVLink_message):
 setattr(MAVLink_rotor_alert_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_rotor_verdict_message(MAVLink_message):
+    """
+    What is believed of one rotor, when it changes. The sender's
+    system id is the vehicle's.
+    """
+
+    id = MAVLINK_MSG_ID_ROTOR_VERDICT
+    msgname = "ROTOR_VERDICT"
+    fieldnames = ["time_usec", "probability", "motor", "esc_index", "known", "kind"]
+    ordered_fieldnames = ["time_usec", "probability", "motor", "esc_index", "known", "kind"]
+    fieldtypes = ["uint64_t", "float", "uint8_t", "uint8_t", "uint8_t", "char"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us"}
+    native_format = bytearray(b"<QfBBBc")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 32]
+    crc_extra = 157
+    unpacker = struct.Struct("<QfBBB32s")
+    instance_field = "motor"
+    instance_offset = 12
+
+    def __init__(self, time_usec: int, probability: float, motor: int, esc_index: int, known: int, kind: bytes):
+        MAVLink_message.__init__(self, MAVLink_rotor_verdict_message.id, MAVLink_rotor_verdict_message.msgname)
+        self._fieldnames = MAVLink_rotor_verdict_message.fieldnames
+        self._instance_field = MAVLink_rotor_verdict_message.instance_field
+        self._instance_offset = MAVLink_rotor_verdict_message.instance_offset
+        self.time_usec = time_usec
+        self.probability = probability
+        self.motor = motor
+        self.esc_index = esc_index
+        self.known = known
+        self._kind_raw = kind
+        self.kind = kind.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.probability, self.motor, self.esc_index, self.known, self._kind_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_rotor_verdict_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ROTOR_HEALTH: MAVLink_rotor_health_message,
     MAVLINK_MSG_ID_ROTOR_ALERT: MAVLink_rotor_alert_message,
+    MAVLINK_MSG_ID_ROTOR_VERDICT: MAVLink_rotor_verdict_message,
 }
 
 
@@ -981,3 +1030,33 @@ class MAVLink(object):
 
         """
         self.send(self.rotor_alert_encode(time_usec, probability, id, motor, esc_index, state, severity, code), force_mavlink1=force_mavlink1)
+
+    def rotor_verdict_encode(self, time_usec: int, probability: float, motor: int, esc_index: int, known: int, kind: bytes) -> MAVLink_rotor_verdict_message:
+        """
+        What is believed of one rotor, when it changes. The sender's system id
+        is the vehicle's.
+
+        time_usec                 : Time of the verdict on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
+        probability               : Of the likeliest kind, 0 to 1. (type:float)
+        motor                     : The motor as the autopilot counts, from 1. (type:uint8_t)
+        esc_index                 : Its index in ESC telemetry, from 0. (type:uint8_t)
+        known                     : 1: something that sees thrust spoke lately. 0: nothing is known, which does not mean healthy. (type:uint8_t)
+        kind                      : The likeliest kind, as in healthy or propeller_lost. (type:char)
+
+        """
+        return MAVLink_rotor_verdict_message(time_usec, probability, motor, esc_index, known, kind)
+
+    def rotor_verdict_send(self, time_usec: int, probability: float, motor: int, esc_index: int, known: int, kind: bytes, force_mavlink1: bool = False) -> None:
+        """
+        What is believed of one rotor, when it changes. The sender's system id
+        is the vehicle's.
+
+        time_usec                 : Time of the verdict on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
+        probability               : Of the likeliest kind, 0 to 1. (type:float)
+        motor                     : The motor as the autopilot counts, from 1. (type:uint8_t)
+        esc_index                 : Its index in ESC telemetry, from 0. (type:uint8_t)
+        known                     : 1: something that sees thrust spoke lately. 0: nothing is known, which does not mean healthy. (type:uint8_t)
+        kind                      : The likeliest kind, as in healthy or propeller_lost. (type:char)
+
+        """
+        self.send(self.rotor_verdict_encode(time_usec, probability, motor, esc_index, known, kind), force_mavlink1=force_mavlink1)

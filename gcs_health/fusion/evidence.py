@@ -1,0 +1,123 @@
+"""What each source's word is worth: estimates and ESC reports to log likelihood ratios over kinds of fault.
+
+One function a source. A ratio compares how likely what was said would be under a kind with how likely it would be of
+a healthy rotor; where the source's own figures give it (an estimate with its spread, a failure probability) it is
+worked out from them, else it is one of the constants below.
+"""
+
+import math
+from collections.abc import Callable
+
+from gcs_health.estimators.contract import Estimate, Reason, Status
+from gcs_health.fusion.kinds import FAULTS, Kind
+from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence
+from gcs_health.rotor_telemetry import RotorState
+from gcs_health.samples import EscInfo
+
+Odds = tuple[tuple[Kind, float], ...]
+
+SURE, LIKELY, AGAINST = BOUND, 6.0, -6.0  # nats
+HOLDS = 1.0  # s that an estimate holds without being repeated
+LOST_SPREAD, PART_SPREAD = 0.2, 0.05  # of the loss beyond its own standard deviation
+PARTIAL = tuple(0.1 + 0.05 * k for k in range(14))  # losses that "partly" covers, equally likely
+
+STUCK_FLAG, HEAT_FLAGS = 32, 4 | 128 | 256 | 512  # ESC_FAILURE_FLAGS, and PX4's beyond the enum
+HOT = 110.0  # °C, where ESCs begin to protect themselves
+ERRORS_A_SECOND = 20.0  # more than a noisy wire makes
+
+
+def from_estimate(estimate: Estimate) -> Evidence | None:
+    """Return what an estimate says of its rotor; None where it says nothing."""
+    function = _OF_ESTIMATOR.get((estimate.estimator, estimate.quantity.value))
+    return function(estimate) if function is not None else None
+
+
+def effectiveness(estimate: Estimate) -> Evidence | None:
+    """Thrust: a named loss by its size, else the slow estimate with its spread."""
+    if Reason.MOTOR_STOPPED in estimate.reasons:
+        # a blocked motor stands still too: the current tells them apart
+        odds: Odds = ((Kind.MOTOR_STOPPED, SURE), (Kind.MOTOR_STUCK, SURE))
+        return _evidence(estimate, odds)
+    if estimate.status is not Status.VALID:
+        return None
+    p = estimate.failure_probability
+    named = p == p and p > 0.9
+    loss, spread = 1.0 - estimate.value, estimate.std
+    if named:
+        # the rules bound its false alarms: what it names counts in full, its size only among the kinds
+        gone, part = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)), _partly(loss, spread)
+        top = max(gone, part)
+        gone, part = SURE + gone - top, SURE + part - top
+    else:
+        well = _normal(loss, 0.0, max(spread, 0.02))
+        gone, part = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)) - well, _partly(loss, spread) - well
+        most = -math.log(PRIOR_ODDS[Kind.THRUST_LOSS]) - 2.0  # what no rule has named raises nothing
+        gone, part = min(gone, most), min(part, most)
+    odds = (
+        (Kind.PROPELLER_LOST, gone),
+        (Kind.THRUST_LOSS, part),
+        (Kind.PROPELLER_SLIPPING, max(gone, part)),
+    )
+    if not named:
+        odds += ((Kind.MOTOR_STOPPED, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
+    return _evidence(estimate, odds)
+
+
+def esc_state(t: float, rotor: int, state: RotorState, others_live: bool, in_flight: bool) -> Evidence | None:
+    """Telemetry: an ESC that fell silent in flight while the link and the others go on."""
+    if state is RotorState.NOT_REPORTED or not in_flight:
+        return None
+    if state is RotorState.STALE:
+        ratio = SURE if others_live else LIKELY
+        return Evidence(t, rotor, "esc", ((Kind.ESC_TELEMETRY_LOST, ratio),))
+    return Evidence(t, rotor, "esc", ((Kind.ESC_TELEMETRY_LOST, AGAINST),))
+
+
+def esc_info(t: float, rotor: int, slot: int, info: EscInfo, errors_a_second: float) -> Evidence:
+    """Return what ESC_INFO says in its slot 0 to 3."""
+    flags, degc = info.failure_flags[slot], info.temperature_degc[slot]
+    hot = bool(flags & HEAT_FLAGS) or degc > HOT
+    other = flags & ~(HEAT_FLAGS | STUCK_FLAG)
+    odds: Odds = (
+        (Kind.ESC_OVERHEATING, SURE if hot else AGAINST),
+        (Kind.ESC_FAULT_REPORTED, SURE if other or errors_a_second > ERRORS_A_SECOND else AGAINST),
+    )
+    if flags & STUCK_FLAG:
+        odds += ((Kind.MOTOR_STUCK, SURE),)
+    figures: tuple[tuple[str, float | str], ...] = (("failure_flags", float(flags)),)
+    if degc == degc:
+        figures += (("temperature_degc", degc),)
+    if errors_a_second > 0.0:
+        figures += (("errors_a_second", errors_a_second),)
+    return Evidence(t, rotor, "esc_info", odds, lasts=3.0, figures=figures)
+
+
+def _evidence(estimate: Estimate, odds: Odds) -> Evidence:
+    return Evidence(
+        estimate.t,
+        estimate.rotor,
+        estimate.estimator,
+        odds,
+        sees_thrust=True,
+        lasts=HOLDS,
+        figures=estimate.evidence,
+    )
+
+
+def _normal(x: float, mean: float, std: float) -> float:
+    """Log density of a normal distribution, without its constant."""
+    return -0.5 * ((x - mean) / std) ** 2 - math.log(std)
+
+
+def _partly(loss: float, spread: float) -> float:
+    """Log density of the estimated loss when a part of the thrust, any part alike, is gone."""
+    std = math.hypot(spread, PART_SPREAD)
+    logs = [_normal(loss, size, std) for size in PARTIAL]
+    top = max(logs)
+    return top + math.log(sum(math.exp(each - top) for each in logs) / len(logs))
+
+
+_OF_ESTIMATOR: dict[tuple[str, str], Callable[[Estimate], Evidence | None]] = {
+    ("effectiveness", "effectiveness"): effectiveness,
+}
+assert set(PRIOR_ODDS) == set(FAULTS)

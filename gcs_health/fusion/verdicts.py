@@ -1,0 +1,147 @@
+"""One posterior over kinds of fault for each rotor, from evidence of any subset of sources.
+
+    log odds of kind j against healthy = log prior_j + sum over sources of log P(evidence | j) / P(evidence | healthy)
+
+Sources are taken as independent given the kind; each one's ratio is bounded, so that no single source decides
+against all others, and what a source said holds until it speaks again or its word has aged away. Where no source
+that could see a loss of thrust has spoken lately the state is *unknown*, whatever the posterior: silence is no
+health.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
+
+NAN = float("nan")
+WORTH_TELLING = 0.1  # change of probability
+BOUND = 12.0  # nats that one source may move a kind's odds
+
+# prior odds against healthy, of one rotor at any moment: what maintenance records make plausible, and low enough that
+# a single lukewarm source raises nothing
+PRIOR_ODDS: dict[Kind, float] = {
+    Kind.PROPELLER_LOST: 1e-4,
+    Kind.THRUST_LOSS: 1e-4,
+    Kind.MOTOR_STOPPED: 1e-4,
+    Kind.MOTOR_STUCK: 3e-5,
+    Kind.PROPELLER_SLIPPING: 3e-5,
+    Kind.PROPELLER_UNBALANCED: 1e-3,
+    Kind.DRAG_RISEN: 1e-3,
+    Kind.ESC_TELEMETRY_LOST: 1e-3,
+    Kind.ESC_FAULT_REPORTED: 1e-4,
+    Kind.ESC_OVERHEATING: 1e-4,
+    Kind.ESC_MISATTRIBUTED: 1e-4,
+    Kind.MOTOR_ORDER_WRONG: 1e-4,
+}
+
+
+class Evidence(NamedTuple):
+    """What one source says of one rotor now; it replaces what the source said before.
+
+    Attributes
+    ----------
+    t : vehicle clock [s]. lasts : for so long it holds [s]; infinite = for the flight.
+    source : who says so: an estimator's name, "esc", "command" ...
+    odds : log likelihood ratio against healthy by kind [nats]; kinds left out are as likely as healthy.
+    sees_thrust : whether this source would have seen a loss of thrust.
+    figures : the numbers behind it, for the alert.
+    """
+
+    t: float
+    rotor: int
+    source: str
+    odds: tuple[tuple[Kind, float], ...]
+    sees_thrust: bool = False
+    lasts: float = 1.0
+    figures: tuple[tuple[str, float | str], ...] = ()
+
+
+class Verdict(NamedTuple):
+    """What is believed of one rotor at one time.
+
+    Attributes
+    ----------
+    kind : the likeliest; HEALTHY too where `known` is False.
+    probability : of `kind`.
+    posterior : of every kind, healthy first.
+    known : whether a source that sees a loss of thrust has spoken lately.
+    since : when `kind` became the likeliest [s].
+    sources : who moved it, the strongest first.
+    """
+
+    t: float
+    rotor: int
+    kind: Kind
+    probability: float
+    posterior: tuple[tuple[Kind, float], ...]
+    known: bool
+    since: float
+    sources: tuple[str, ...]
+
+    @property
+    def state(self) -> str:
+        """The kind in words; "unknown" where nothing speaks against health because nothing speaks at all."""
+        return UNKNOWN if self.kind is Kind.HEALTHY and not self.known else self.kind.value
+
+    def differs(self, before: "Verdict") -> bool:
+        """Whether it is worth telling after the one before."""
+        moved = abs(before.probability - self.probability)
+        return self.state != before.state or moved >= WORTH_TELLING
+
+    def of(self, kinds: Iterable[Kind]) -> float:
+        """Return the probability that the rotor is in any of these states."""
+        wanted = frozenset(kinds)
+        return sum(p for kind, p in self.posterior if kind in wanted)
+
+    @property
+    def failed(self) -> float:
+        """Probability that the rotor no longer gives its thrust."""
+        return self.of(FAILED)
+
+
+class RotorBelief:
+    """Evidence of one rotor to its verdict."""
+
+    def __init__(self, rotor: int) -> None:
+        self.rotor = rotor
+        self._evidence: dict[str, Evidence] = {}
+        self._kind = Kind.HEALTHY
+        self._since = NAN
+
+    def feed(self, evidence: Evidence) -> None:
+        """Take what a source says now."""
+        self._evidence[evidence.source] = evidence
+
+    def figures(self) -> tuple[tuple[str, float | str], ...]:
+        """Return the numbers behind what was said, source by source."""
+        return tuple(
+            (f"{source}.{name}", value)
+            for source, evidence in self._evidence.items()
+            for name, value in evidence.figures
+        )
+
+    def verdict(self, t: float) -> Verdict:
+        """Return the posterior at vehicle time `t` [s]."""
+        live = [evidence for evidence in self._evidence.values() if t - evidence.t <= evidence.lasts]
+        odds: dict[Kind, float] = {kind: math.log(PRIOR_ODDS[kind]) for kind in FAULTS}
+        for evidence in live:
+            for kind, ratio in evidence.odds:
+                odds[kind] += min(max(ratio, -BOUND), BOUND)
+        top = max(0.0, *odds.values())
+        weights: dict[Kind, float] = {Kind.HEALTHY: math.exp(-top)}
+        weights |= {kind: math.exp(v - top) for kind, v in odds.items()}
+        total = sum(weights.values())
+        posterior = tuple((kind, weight / total) for kind, weight in weights.items())
+        kind, probability = max(posterior, key=lambda each: each[1])
+        if kind is not self._kind or self._since != self._since:
+            self._kind, self._since = kind, t
+        moved = sorted(live, key=lambda e: -max((abs(ratio) for _, ratio in e.odds), default=0.0))
+        sources = tuple(evidence.source for evidence in moved if evidence.odds)
+        known = any(evidence.sees_thrust for evidence in live)
+        return Verdict(t, self.rotor, kind, probability, posterior, known, self._since, sources)
+
+    def new_flight(self) -> None:
+        """Forget what was held for the flight."""
+        self._evidence.clear()
+        self._kind, self._since = Kind.HEALTHY, NAN

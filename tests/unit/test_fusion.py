@@ -1,0 +1,219 @@
+"""Evidence to posterior, and the alert machine: each rule by itself."""
+
+import math
+from pathlib import Path
+
+import pytest
+from synthetic_flight import airframe
+
+from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
+from gcs_health.fusion.alert_table import CATALOGUE, OF_KIND
+from gcs_health.fusion.alerts import Alert, AlertDesk
+from gcs_health.fusion.evidence import esc_info, esc_state, from_estimate
+from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, RotorBelief, Verdict
+from gcs_health.rotor_telemetry import RotorState
+from gcs_health.samples import EscInfo
+
+NAN = math.nan
+
+
+def estimate(value: float, std: float, p: float = 0.0, **changes: object) -> Estimate:
+    plain = Estimate(1.0, "effectiveness", 0, Quantity.EFFECTIVENESS, value, std, p, Status.VALID)
+    return plain._replace(**changes)
+
+
+def judged(*evidence: Evidence | None, t: float = 1.0) -> Verdict:
+    belief = RotorBelief(0)
+    for each in evidence:
+        assert each is not None
+        belief.feed(each)
+    return belief.verdict(t)
+
+
+def test_without_evidence_it_is_unknown_and_the_priors_are_what_is_left() -> None:
+    verdict = judged()
+    assert verdict.state == "unknown"
+    assert verdict.probability == pytest.approx(1.0 / (1.0 + sum(PRIOR_ODDS.values())))
+    assert sum(p for _, p in verdict.posterior) == pytest.approx(1.0)
+
+
+def test_odds_add_up_and_each_source_is_bounded() -> None:
+    said = Evidence(1.0, 0, "a", ((Kind.DRAG_RISEN, 3.0),))
+    more = Evidence(1.0, 0, "b", ((Kind.DRAG_RISEN, 1e9),))
+    odds = PRIOR_ODDS[Kind.DRAG_RISEN] * math.exp(3.0 + BOUND)
+    rest = 1.0 + sum(PRIOR_ODDS[kind] for kind in FAULTS if kind is not Kind.DRAG_RISEN)
+    assert judged(said, more).of({Kind.DRAG_RISEN}) == pytest.approx(odds / (odds + rest))
+
+
+def test_what_a_source_said_is_replaced_by_what_it_says_and_ages() -> None:
+    lost = Evidence(1.0, 0, "a", ((Kind.PROPELLER_LOST, BOUND),), sees_thrust=True)
+    well = lost._replace(t=1.1, odds=((Kind.PROPELLER_LOST, -BOUND),))
+    assert judged(lost).kind is Kind.PROPELLER_LOST
+    assert judged(lost, well, t=1.2).kind is Kind.HEALTHY
+    assert judged(well, t=1.2).state == "healthy"
+    assert judged(well, t=5.0).state == "unknown"
+    assert judged(lost._replace(lasts=math.inf), t=500.0).kind is Kind.PROPELLER_LOST
+
+
+def test_a_named_loss_is_a_failure_whose_size_tells_partial_from_total() -> None:
+    total = judged(from_estimate(estimate(0.03, 0.05, 0.99)))
+    assert total.failed > 0.9
+    assert total.of({Kind.PROPELLER_LOST}) > 3.0 * total.of({Kind.THRUST_LOSS})
+    partial = judged(from_estimate(estimate(0.6, 0.05, 0.99)))
+    assert partial.failed > 0.9
+    assert partial.of({Kind.THRUST_LOSS}) > 10.0 * partial.of({Kind.PROPELLER_LOST})
+
+
+@pytest.mark.parametrize(("value", "std"), [(1.0, 0.05), (0.9, 0.1), (1.1, 0.1), (0.7, 0.3), (0.5, 0.05)])
+def test_a_slow_estimate_alone_raises_nothing(value: float, std: float) -> None:
+    verdict = judged(from_estimate(estimate(value, std)))
+    assert verdict.known
+    assert verdict.failed < 0.5
+
+
+def test_a_good_estimate_speaks_against_a_loss() -> None:
+    assert judged(from_estimate(estimate(1.0, 0.05))).failed < judged().failed
+
+
+def test_a_motor_that_stands_still_is_stopped_or_stuck_and_flags_tell_which() -> None:
+    stopped = from_estimate(
+        estimate(NAN, NAN, 0.99, status=Status.UNOBSERVABLE, reasons=(Reason.MOTOR_STOPPED,))
+    )
+    verdict = judged(stopped)
+    assert verdict.failed > 0.9
+    assert verdict.of({Kind.MOTOR_STOPPED}) < 0.8  # not clear yet
+    info = EscInfo(1, 1, 290, 0, 0, 0, 4, 0, 5, 15, (32, 0, 0, 0), (0,) * 4, (40.0,) * 4)
+    assert judged(stopped, esc_info(1.0, 0, 0, info, 0.0)).kind is Kind.MOTOR_STUCK
+
+
+def test_what_cannot_be_estimated_says_nothing() -> None:
+    assert from_estimate(estimate(NAN, NAN, NAN, status=Status.UNOBSERVABLE)) is None
+    assert from_estimate(estimate(1.0, 0.1, 0.0, estimator="nobody")) is None
+
+
+def test_a_silent_esc_is_lost_telemetry_only_in_flight_and_while_others_speak() -> None:
+    lost = judged(esc_state(1.0, 0, RotorState.STALE, True, True))
+    assert lost.kind is Kind.ESC_TELEMETRY_LOST
+    assert lost.probability > 0.9
+    assert judged(esc_state(1.0, 0, RotorState.STALE, False, True)).probability > 0.5  # all at once: the link
+    assert judged(esc_state(1.0, 0, RotorState.STALE, False, True)).kind is Kind.HEALTHY
+    assert esc_state(1.0, 0, RotorState.STALE, True, False) is None
+    assert esc_state(1.0, 0, RotorState.NOT_REPORTED, True, True) is None
+
+
+@pytest.mark.parametrize(
+    ("flags", "degc", "errors", "kind"),
+    [
+        (0, 40.0, 0.0, Kind.HEALTHY),
+        (4, 40.0, 0.0, Kind.ESC_OVERHEATING),
+        (512, NAN, 0.0, Kind.ESC_OVERHEATING),
+        (0, 120.0, 0.0, Kind.ESC_OVERHEATING),
+        (1, 40.0, 0.0, Kind.ESC_FAULT_REPORTED),
+        (64, NAN, 0.0, Kind.ESC_FAULT_REPORTED),
+        (0, 40.0, 50.0, Kind.ESC_FAULT_REPORTED),
+    ],
+)
+def test_what_an_esc_reports_of_itself(flags: int, degc: float, errors: float, kind: Kind) -> None:
+    info = EscInfo(1, 1, 290, 0, 0, 0, 4, 0, 5, 15, (flags, 0, 0, 0), (0,) * 4, (degc, 0.0, 0.0, 0.0))
+    assert judged(esc_info(1.0, 0, 0, info, errors)).kind is kind
+
+
+# -- the machine --------------------------------------------------------------------------------------
+
+
+def verdict(t: float, kind: Kind, p: float, rotor: int = 0, **others: float) -> Verdict:
+    """A posterior with `p` on one kind, `others` on further ones by name, the rest healthy."""
+    share = {kind: p, **{Kind[name]: value for name, value in others.items()}}
+    rest = 1.0 - sum(share.values())
+    posterior = ((Kind.HEALTHY, rest), *((k, share.get(k, 0.0)) for k in FAULTS))
+    return Verdict(t, rotor, kind, p, posterior, True, t, ())
+
+
+def steps(alerts: list[Alert]) -> list[tuple[str, str, int]]:
+    return [(alert.state, alert.kind.code, alert.number) for alert in alerts]
+
+
+def test_raised_once_escalated_when_clear_and_never_twice() -> None:
+    desk = AlertDesk(airframe(4))
+    told = desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.55, THRUST_LOSS=0.4))
+    assert steps(told) == [("raised", "ROTOR_FAILED", 1)]
+    assert desk.feed(verdict(1.1, Kind.PROPELLER_LOST, 0.55, THRUST_LOSS=0.4)) == []
+    assert steps(desk.feed(verdict(1.2, Kind.PROPELLER_LOST, 0.95))) == [("escalated", "PROPELLER_LOST", 1)]
+    assert desk.feed(verdict(1.3, Kind.PROPELLER_LOST, 0.95)) == []
+    # what was clear does not become unclear again
+    assert desk.feed(verdict(1.4, Kind.PROPELLER_LOST, 0.5, THRUST_LOSS=0.45)) == []
+
+
+def test_a_kind_that_is_clear_at_once_is_raised_as_such() -> None:
+    told = AlertDesk(airframe(4)).feed(verdict(1.0, Kind.MOTOR_STOPPED, 0.95))
+    assert steps(told) == [("raised", "MOTOR_STOPPED", 1)]
+
+
+def test_cleared_only_after_it_was_calm_for_long_enough() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95))
+    assert desk.feed(verdict(2.0, Kind.HEALTHY, 0.0)) == []
+    assert desk.feed(verdict(3.0, Kind.PROPELLER_LOST, 0.95)) == []  # back: no second alarm
+    assert desk.feed(verdict(4.0, Kind.HEALTHY, 0.0)) == []
+    assert steps(desk.feed(verdict(6.1, Kind.HEALTHY, 0.0))) == [("cleared", "PROPELLER_LOST", 1)]
+    assert steps(desk.feed(verdict(7.0, Kind.PROPELLER_LOST, 0.95))) == [("raised", "PROPELLER_LOST", 2)]
+
+
+def test_unknown_clears_nothing() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95))
+    for t in (2.0, 5.0, 9.0):
+        assert desk.feed(verdict(t, Kind.HEALTHY, 0.0)._replace(known=False)) == []
+
+
+def test_one_alarm_a_cause_others_of_a_failed_vehicle_are_explained() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95, rotor=2))
+    assert desk.feed(verdict(1.5, Kind.MOTOR_STOPPED, 0.99, rotor=0)) == []
+    assert desk.feed(verdict(1.5, Kind.PROPELLER_UNBALANCED, 0.99, rotor=0)) == []
+
+
+def test_a_hold_must_be_over_before_it_is_raised() -> None:
+    desk = AlertDesk(airframe(4))
+    assert desk.feed(verdict(1.0, Kind.ESC_TELEMETRY_LOST, 0.99)) == []
+    assert desk.feed(verdict(1.5, Kind.HEALTHY, 0.0)) == []
+    assert desk.feed(verdict(1.6, Kind.ESC_TELEMETRY_LOST, 0.99)) == []
+    assert steps(desk.feed(verdict(2.6, Kind.ESC_TELEMETRY_LOST, 0.99))) == [
+        ("raised", "ESC_TELEMETRY_LOST", 1)
+    ]
+
+
+def test_acknowledged_once_and_shelved_until_it_gets_graver() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.55, THRUST_LOSS=0.4))
+    assert steps(desk.acknowledge(1, 1.1)) == [("acknowledged", "ROTOR_FAILED", 1)]
+    assert desk.acknowledge(1, 1.2) == []
+    assert desk.acknowledge(7, 1.2) == []
+    assert steps(desk.shelve(1, 1.3, 100.0)) == [("shelved", "ROTOR_FAILED", 1)]
+    assert steps(desk.feed(verdict(9.0, Kind.PROPELLER_LOST, 0.95))) == [("escalated", "PROPELLER_LOST", 1)]
+
+
+def test_a_new_flight_clears_what_is_open() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95))
+    assert steps(desk.new_flight(9.0)) == [("cleared", "PROPELLER_LOST", 1)]
+
+
+def test_every_kind_has_its_code_and_every_text_fits_a_line() -> None:
+    assert set(OF_KIND) == set(FAULTS)
+    assert len(CATALOGUE) == len(FAULTS) + 1
+    for row in CATALOGUE.values():
+        text = row.text.format(motor=12, seat="front right bottom, CCW", percent=99)
+        assert len(text) <= 80, text
+        assert 0 <= row.severity <= 7
+        assert row.advice.endswith(".")
+        assert row.clear_at < row.raise_at
+    assert set(FAILED) < set(FAULTS)
+
+
+def test_the_documented_table_is_the_catalogue() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "alerts.md").read_text("utf-8")
+    for row in CATALOGUE.values():
+        assert f"| `{row.code}` |" in page
+        assert row.advice in page
