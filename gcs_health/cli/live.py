@@ -27,9 +27,10 @@ def run(options: argparse.Namespace) -> int:
     files = [endpoint for endpoint in endpoints if endpoint.kind == "file"]
     make_monitor(options, stamped=False)  # what is wrong with the options is told before a file is made
     with (
+        Output(options.jsonl) as output,
         _open(options, [e for e in endpoints if e not in files]) as links,
         live_receivers(options) as (receivers, raw_tap),
-        Output(options.jsonl, receivers) as output,
+        output.joined_by(receivers),
     ):
         monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
         session = Session(monitor, output, links, options.request_rates)
@@ -135,7 +136,9 @@ class Session:
             system, component = map(int, vehicle.vehicle.split("."))
             heard = self._monitor.rates(system, component, now_us)
             known = vehicle.airframe is not None and vehicle.airframe.source is not AirframeSource.ASSUMED
-            frames, said = self._requests.to(system, component, vehicle.autopilot, heard, known)
+            frames, said = self._requests.to(
+                system, component, vehicle.autopilot, heard, known, vehicle.uid is not None
+            )
             for frame in frames:
                 self._links.send(frame)
             if frames:

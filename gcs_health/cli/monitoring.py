@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import Protocol, Self
 
 from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.append_file import AppendFile
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
 
@@ -96,16 +97,9 @@ class Output:
         self.raised = False
         self.vehicles = 0
         self._first = True
-        self._own: TextIO | None = None
-        self._lines: TextIO | None = None
-        self.text = sys.stderr if jsonl == "-" else sys.stdout
-        if jsonl == "-":
-            self._lines = sys.stdout
-        elif jsonl:
-            try:
-                self._lines = self._own = Path(jsonl).open("w", encoding="utf-8")  # noqa: SIM115 (for the session)
-            except OSError as error:
-                raise ConfigError(f"{jsonl}: cannot write the JSON lines: {error.strerror}") from None
+        self._piped = jsonl == "-"
+        self._file = AppendFile(Path(jsonl), overwrite=True) if jsonl and not self._piped else None
+        self.text = sys.stderr if self._piped else sys.stdout
 
     def __enter__(self) -> Self:
         return self
@@ -113,9 +107,15 @@ class Output:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._own is not None:
-            self._own.close()
+        if self._file is not None:
+            self._file.close()
+            _tell(self._file.notices)
         _close(self.receivers)
+
+    @property
+    def lost(self) -> bool:
+        """Whether JSON lines were left out for want of a disk."""
+        return self._file is not None and bool(self._file.waiting or self._file.lost)
 
     @contextmanager
     def joined_by(self, receivers: Sequence[Receiver]) -> Iterator[None]:
@@ -132,17 +132,15 @@ class Output:
         """Let receivers do what time alone causes, at UNIX µs."""
         for receiver in self.receivers:
             receiver.poll(now_us)
-            _tell(receiver)
+            _tell(receiver.notices)
 
     def write(self, events: Sequence[Event], *, at_once: bool) -> None:
         """Write events; `at_once` prints alerts and notices as they come (else the summary has them)."""
         if events:
+            self._write_lines(events)
             for receiver in self.receivers:
                 receiver.take(events)
         for event in events:
-            if self._lines is not None:
-                self._lines.write(to_json(event, self._first) + "\n")
-                self._first = False
             if isinstance(event, AlertEvent):
                 self.raised |= event.state == "raised"
                 if at_once:
@@ -152,17 +150,26 @@ class Output:
             elif isinstance(event, SummaryEvent):
                 self.vehicles += 1
                 print(summary_text(event), file=self.text, flush=True)
-        if at_once and self._lines is not None:
-            self._lines.flush()
+
+    def _write_lines(self, events: Sequence[Event]) -> None:
+        if self._file is None and not self._piped:
+            return
+        text = "".join(to_json(event, self._first and k == 0) + "\n" for k, event in enumerate(events))
+        self._first = False
+        if self._file is not None:
+            self._file.append(text.encode(), events[-1].t_unix_us)
+            _tell(self._file.notices)
+        else:
+            print(text, end="", flush=True)
 
 
 def _close(receivers: Iterable[Receiver]) -> None:
     for receiver in receivers:
         receiver.close()
-        _tell(receiver)
+        _tell(receiver.notices)
 
 
-def _tell(receiver: Receiver) -> None:
-    for notice in receiver.notices:
+def _tell(notices: list[str]) -> None:
+    for notice in notices:
         print(f"gcs-health: {notice}", file=sys.stderr, flush=True)
-    receiver.notices.clear()
+    notices.clear()

@@ -25,9 +25,9 @@ def run(options: argparse.Namespace) -> int:
             except GcsHealthError as error:
                 print(f"gcs-health: {error}", file=sys.stderr)
                 code = BAD_INPUT
-        if code == DONE and options.fail_on_alert and output.raised:
-            return ALERT
-    return code
+    if output.lost:
+        return BAD_INPUT
+    return ALERT if code == DONE and options.fail_on_alert and output.raised else code
 
 
 def _replay(name: str, options: argparse.Namespace, output: Output) -> None:

@@ -14,7 +14,7 @@ WAITING_MOST = 16 << 20  # bytes kept while the disk is full: some ten minutes o
 
 
 class AppendFile:
-    """A new file at `path`.
+    """A new file at `path`, or with `overwrite` one begun anew.
 
     Attributes
     ----------
@@ -24,10 +24,10 @@ class AppendFile:
 
     Raises
     ------
-    ConfigError : the file exists already or cannot be made: nothing is ever overwritten.
+    ConfigError : the file exists already, or cannot be made.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
         self.written = self.lost = 0
         self.notices: list[str] = []
@@ -35,11 +35,11 @@ class AppendFile:
         self._refused = False
         self._tried_us = 0
         try:
-            self._file = path.open("xb", buffering=0)
+            self._file = path.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
             raise ConfigError(f"{path}: exists already; a recording is never overwritten") from None
         except OSError as error:
-            raise ConfigError(f"{path}: cannot record there: {error.strerror}") from None
+            raise ConfigError(f"{path}: cannot write there: {error.strerror}") from None
 
     @property
     def waiting(self) -> int:
@@ -66,7 +66,7 @@ class AppendFile:
         if self._waiting:
             self._write()
         if self._waiting or self.lost:
-            self.notices.append(f"{self.path}: {len(self._waiting) + self.lost} bytes were not recorded")
+            self.notices.append(f"{self.path}: {len(self._waiting) + self.lost} bytes were not written")
         self._file.close()
 
     def _write(self) -> None:

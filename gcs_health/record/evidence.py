@@ -111,7 +111,8 @@ class EvidenceWriter:
     def _write_due(self, due: Callable[[_Open], bool]) -> None:
         for id in [id for id, waiting in self._open.items() if due(waiting)]:
             steps = self._open.pop(id).steps
-            flights = [(path, path.stat().st_size) for path in self._flights()]
+            # as they are now: bytes that follow are not of this packet. A file that is gone has none
+            flights = [(path, path.stat().st_size) for path in self._flights() if path.exists()]
             self._writing.append(self._writer.submit(self._write, steps, flights))
 
     def _hear(self) -> None:

@@ -133,7 +133,7 @@ def test_one_bad_file_does_not_stop_the_others(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (["--jsonl", "{place}/absent/out.jsonl"], "cannot write the JSON lines"),
+        (["--jsonl", "{place}/absent/out.jsonl"], "cannot write there"),
         (["--vehicle", "{place}/absent.toml"], "cannot read the vehicle file"),
         (["--signing-key", "{place}/absent.key"], "cannot read the signing key"),
     ],

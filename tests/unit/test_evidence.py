@@ -1,6 +1,8 @@
 """Evidence packets: each replays to the alert that it was saved for."""
 
 import json
+import random
+import resource
 import zipfile
 from pathlib import Path
 
@@ -162,6 +164,21 @@ def test_a_packet_that_cannot_be_saved_is_told(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "file").write_text("")
     assert main(["replay", str(FLIGHT), "--evidence", str(tmp_path / "file")]) == 2
     assert "cannot save evidence there" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_told_and_leaves_no_half_packet(tmp_path: Path) -> None:
+    flight = tmp_path / "f.tlog"
+    flight.write_bytes(random.Random(1).randbytes(3 << 20))  # does not compress
+    writer = EvidenceWriter(tmp_path / "e", lambda: [flight], None, {}, {}, {})
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        writer.take([event(100.0)])
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert writer.notices == [f"{tmp_path / 'e'}: evidence was not saved: File too large"]
+    assert not list((tmp_path / "e").iterdir())
 
 
 @pytest.mark.parametrize(

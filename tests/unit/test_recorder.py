@@ -71,7 +71,7 @@ def test_what_waits_for_a_full_disk_is_bounded_and_what_is_lost_is_told(tmp_path
     file.close()
     assert file.path.stat().st_size == WAITING_MOST + 2
     assert file.path.read_bytes().endswith(b"acd")  # whole appends are left out, never parts of one
-    assert file.notices[-1].endswith("100 bytes were not recorded")
+    assert file.notices[-1].endswith("100 bytes were not written")
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_live_goes_on_when_the_disk_fills(small_disk: Path, capfd: pytest.Captur
     assert code == 3
     assert "ROTOR_FAILED raised: motor 3" in shown.out
     assert shown.err.count("f.tlog: cannot write: No space left on device; trying again") == 1
-    assert "bytes were not recorded" in shown.err
+    assert "bytes were not written" in shown.err
     kept = records((small_disk / "f.tlog").read_bytes())
     assert kept == records(FLIGHT.read_bytes())[: len(kept)]
     assert len(kept) > 100
@@ -124,6 +124,19 @@ def test_live_under_a_limit_of_file_size_tells_it_and_goes_on(tmp_path: Path) ->
     assert "ROTOR_FAILED raised: motor 3" in done.stdout
     assert done.stderr.count("f.tlog: cannot write: File too large; trying again") == 1
     assert (tmp_path / "f.tlog").read_bytes() == FLIGHT.read_bytes()[:50_000]
+
+
+def test_json_lines_on_a_full_disk_are_told_once_and_never_stop_the_alerts(
+    small_disk: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = small_disk / "out.jsonl"
+    assert main(["live", f"file://{FLIGHT}", "--jsonl", str(out), "--fail-on-alert"]) == 3
+    shown = capfd.readouterr()
+    assert "ROTOR_FAILED raised: motor 3" in shown.out
+    assert shown.err.count("out.jsonl: cannot write: No space left on device; trying again") == 1
+    assert shown.err.count("bytes were not written") == 1
+    out.unlink()
+    assert main(["replay", str(FLIGHT), "--jsonl", str(out)]) == 2  # not all that was asked for
 
 
 _KILLED = """
