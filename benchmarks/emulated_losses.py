@@ -39,7 +39,7 @@ WINDOW, ROOM = 0.5, 0.6  # s to find it in; s of open gate that a trial needs
 
 def chances(log: list[Record], airframe: Airframe, until: float) -> list[float]:
     """Return the times [s after the first record] at which verdicts may be given, with room behind."""
-    monitor = Monitor(MonitorConfig(airframe=airframe, stamped=True))
+    monitor = Monitor(MonitorConfig(airframe=airframe, estimators=("effectiveness",), stamped=True))
     good: list[tuple[float, bool]] = []
     for record in log:
         t = (record.stamp - log[0].stamp) * 1e-6
@@ -47,8 +47,7 @@ def chances(log: list[Record], airframe: Airframe, until: float) -> list[float]:
             break
         monitor.feed(record.raw)
         if record.message == HIGHRES_IMU and monitor.vehicles():
-            estimator = monitor.vehicles()[0]._estimator
-            bank = estimator.bank if estimator else None
+            bank = monitor.vehicles()[0].bank
             good.append((t, bank is not None and bank.gate.verdicts))
     times = [t for t, _ in good]
     out = []
@@ -110,7 +109,9 @@ def emulate(
 
 def trial(log: list[Record], airframe: Airframe, rotor: int, t0: float) -> tuple[str, float]:
     """Return what became of one loss, and its delay [s]."""
-    monitor = Monitor(MonitorConfig(airframe=airframe, stamped=True, estimate_rate=1.0))
+    monitor = Monitor(
+        MonitorConfig(airframe=airframe, estimators=("effectiveness",), stamped=True, estimate_rate=1.0)
+    )
     for record in log:
         t = (record.stamp - log[0].stamp) * 1e-6
         if t > t0 + WINDOW:

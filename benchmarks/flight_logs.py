@@ -7,7 +7,6 @@ from pathlib import Path
 from fastcrc import crc16
 
 from gcs_health.airframe import Airframe
-from gcs_health.estimators.effectiveness import EffectivenessEstimator
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.events import AlertEvent
 
@@ -110,7 +109,11 @@ class Run:
 
 def run(log: list[Record], airframe: Airframe, mode: str = "recommended", until: float = 1e9) -> Run:
     """Replay records through the Monitor, one at a time, up to `until` s after the first."""
-    monitor = Monitor(MonitorConfig(airframe=airframe, mode=mode, stamped=True, estimate_rate=2.0))
+    monitor = Monitor(
+        MonitorConfig(
+            airframe=airframe, estimators=("effectiveness",), mode=mode, stamped=True, estimate_rate=2.0
+        )
+    )
     out = Run()
     start = log[0].stamp
     for record in log:
@@ -120,10 +123,8 @@ def run(log: list[Record], airframe: Airframe, mode: str = "recommended", until:
             if isinstance(event, AlertEvent) and event.state == "raised":
                 out.alarms.append(((event.t_unix_us - start) * 1e-6, event.motor))
     for vehicle in monitor.vehicles():
-        estimator = vehicle._estimator
-        if isinstance(estimator, EffectivenessEstimator):
-            bank = estimator.bank
-            if bank is not None:
-                out.open_time, out.flying_time = bank.open_time, bank.flying_time
-                out.contradicted = bank.contradicted
+        bank = vehicle.bank
+        if bank is not None:
+            out.open_time, out.flying_time = bank.open_time, bank.flying_time
+            out.contradicted = bank.contradicted
     return out

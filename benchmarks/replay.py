@@ -92,7 +92,7 @@ class Run(NamedTuple):
 def measure(data: bytes, airframe: Airframe | None) -> Run:
     """Replay once."""
     start = time.process_time()
-    monitor = Monitor(MonitorConfig(stamped=True, airframe=airframe))
+    monitor = Monitor(MonitorConfig(stamped=True, airframe=airframe, estimators=("effectiveness",)))
     events = [e for at in range(0, len(data), 1 << 18) for e in monitor.feed(data[at : at + (1 << 18)])]
     events += monitor.finish()
     replayed = time.process_time()

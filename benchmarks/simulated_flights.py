@@ -1,18 +1,23 @@
-"""The effectiveness estimator on simulated flights: false alarms of healthy ones, delays of lost propellers.
+"""The effectiveness estimator on simulated flights: false alarms before the fault, delays of lost propellers.
 
-    python benchmarks/simulated_flights.py --flights 24 --seed 1000
+    python benchmarks/simulated_flights.py --vehicles bebop2 ghalamchi_large --flights 25 --seed 5000
 
-Sensor values go straight to the estimator, without MAVLink between; rotor speeds carry the time of their
-measurement, or, as the newest PX4 stamps them, of their sending ("late"). Fresh seeds: nothing was tuned on them.
-`benchmarks/simulated_flights.md` is this command's output.
+Sensor values go straight to the estimator, without MAVLink between. A quarter of the flights each hovers, moves
+at random, flies aggressively, and forward at 8 m/s, in a light wind of 4 m/s; every one loses a propeller at a
+random time, and what it flew before with the gate open counts as healthy. Each is flown once and its telemetry
+thinned out to every rate. Rotor speeds carry the time of their measurement, or, with `--late`, of their sending.
+The gains are not given: they are learned in flight. Seeds 1000 on were looked at while rules were chosen;
+report with others.
 """
 
 import argparse
 import math
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
 
+from gcs_health.airframe import Airframe, Effectiveness
 from gcs_health.estimators.effectiveness import EffectivenessEstimator
 from gcs_health.simulate.batch import Flights, fly_many
 from gcs_health.simulate.faults import Fault
@@ -20,8 +25,10 @@ from gcs_health.simulate.scenario import Scenario, load_scenario
 from gcs_health.simulate.telemetry import BOOTED
 
 KINDS = ("hover", "random", "aggressive", "forward")
-DURATION, LOST_AT = 40.0, (20.0, 38.0)  # s
+DURATION, LOST_AT = 24.0, (12.0, 23.4)  # s
 LATENCY = 0.006  # s, of the ESCs
+FASTEST = 500.0  # Hz, telemetry as flown, of which every n-th is kept
+FOUND_WITHIN = 0.5  # s
 
 
 def scenario(vehicle: str, kind: str) -> Scenario:
@@ -31,80 +38,92 @@ def scenario(vehicle: str, kind: str) -> Scenario:
     return load_scenario("healthy_quad", changes)
 
 
-def late(flights: Flights, interval: float) -> Flights:
-    """Stamp rotor speeds when they are sent: later by the latency, and by what is left of the ESC's period."""
-    return replace(flights, rotor_t=flights.rotor_t + LATENCY + 0.5 * min(interval, 0.01))
+def thinned(flights: Flights, imu_rate: float, esc_rate: float, late: bool) -> Flights:
+    """Keep telemetry at these rates; `late` stamps speeds by their sending: latency and rest of the period."""
+    imu, esc = round(FASTEST / imu_rate), round(FASTEST / esc_rate)
+    return replace(
+        flights,
+        imu_t=flights.imu_t[::imu],
+        imu=flights.imu[::imu],
+        height=flights.height[::imu],
+        rotor_t=flights.rotor_t[::esc] + (LATENCY + 0.5 * min(1.0 / esc_rate, 0.01) if late else 0.0),
+        speed=flights.speed[::esc],
+        current=flights.current[::esc],
+    )
 
 
-def verdict(flights: Flights, flight: int, plan: Scenario) -> tuple[float, int, float]:
-    """Return (time, rotor) of the first failure named, and seconds of open gate; NaN, -1 if none."""
-    airframe = plan.vehicle.airframe()
-    airframe = replace(airframe, effectiveness=type(airframe.effectiveness)())  # learned in flight
+def verdict(flights: Flights, flight: int, airframe: Airframe, lost_at: float) -> tuple[float, int, float]:
+    """Return (time, rotor) of the first failure named, NaN and -1 if none, and seconds of open gate before."""
     estimator = EffectivenessEstimator(airframe)
+    flown = 0.0
     for reading in flights.readings(flight):
-        for estimate in estimator.feed(reading):
+        told = estimator.feed(reading)
+        if reading.t < lost_at and estimator.bank is not None:
+            flown = estimator.bank.open_time
+        for estimate in told:
             if estimate.failure_probability > 0.9:
-                bank = estimator.bank
-                return estimate.t, estimate.rotor, bank.open_time if bank else 0.0
-    bank = estimator.bank
-    return math.nan, -1, bank.open_time if bank else 0.0
+                return estimate.t, estimate.rotor, flown
+        if reading.t > lost_at + FOUND_WITHIN:
+            break
+    return math.nan, -1, flown
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--flights", type=int, default=24, help="a cell")
+    parser.add_argument("--flights", type=int, default=25, help="of each kind")
     parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument(
-        "--vehicles", nargs="*", default=["bebop2", "ghalamchi_medium", "ghalamchi_large", "octocopter"]
-    )
-    parser.add_argument("--rates", nargs="*", default=["250/250", "100/50", "50/10"])
+    parser.add_argument("--vehicles", nargs="*", default=["bebop2", "ghalamchi_large"])
+    parser.add_argument("--rates", nargs="*", default=["250/250", "100/50", "50/50", "50/10"])
+    parser.add_argument("--late", action="store_true")
     args = parser.parse_args()
     print(
-        "| vehicle | flight | IMU/ESC Hz | stamps | open gate h | false alarms | lost: found | right "
-        "| median ms | 97.5 % ms |"
+        "| vehicle | IMU/ESC Hz | healthy min | false alarms | lost: found | right | median ms | 97.5 % ms |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|")
     for vehicle in args.vehicles:
+        outcome: dict[str, list[tuple[str, float, float]]] = defaultdict(list)
         for kind in KINDS:
-            for rates in args.rates:
-                cell(args, vehicle, kind, rates)
+            fly(args, vehicle, kind, outcome)
+        for rates, flights in outcome.items():
+            print(row(vehicle, rates, flights), flush=True)
 
 
-def cell(args: argparse.Namespace, vehicle: str, kind: str, rates: str) -> None:
-    """Fly one cell, healthy and with a propeller lost, and print its rows."""
-    imu, esc = (float(rate) for rate in rates.split("/"))
+def fly(
+    args: argparse.Namespace, vehicle: str, kind: str, outcome: dict[str, list[tuple[str, float, float]]]
+) -> None:
+    """Fly one kind of flight and add (what, delay, healthy seconds) of every flight to its rates."""
     plan = scenario(vehicle, kind)
-    seeds = [args.seed + k for k in range(args.flights)]
     rng = np.random.default_rng(args.seed)
     at = rng.uniform(*LOST_AT, args.flights)
     rotor = rng.integers(len(plan.vehicle.rotors), size=args.flights)
-    healthy = fly_many(plan, seeds, imu, esc)
-    lost = fly_many(plan, seeds, imu, esc, (Fault("propeller_lost", rotor, at),))
-    for stamps in ("measured", "late"):
-        if stamps == "late":
-            healthy, lost = late(healthy, 1.0 / esc), late(lost, 1.0 / esc)
-        verdicts = [verdict(healthy, k, plan) for k in range(args.flights)]
-        alarms = sum(t == t for t, _, _ in verdicts)
-        hours = sum(open_time for _, _, open_time in verdicts) / 3600.0
-        delays, right, early = [], 0, 0
+    seeds = [args.seed + k for k in range(args.flights)]
+    flown = fly_many(plan, seeds, FASTEST, FASTEST, (Fault("propeller_lost", rotor, at),))
+    airframe = replace(plan.vehicle.airframe(), effectiveness=Effectiveness())
+    for rates in args.rates:
+        flights = thinned(flown, *(float(rate) for rate in rates.split("/")), late=args.late)
         for k in range(args.flights):
-            t, named, _ = verdict(lost, k, plan)
+            t, named, healthy = verdict(flights, k, airframe, BOOTED + at[k])
             delay = t - BOOTED - at[k]
-            if delay < 0.0:
-                early += 1
-            elif delay < 0.5:
-                delays.append(delay * 1e3)
-                right += named == rotor[k]
-        found = args.flights - early
-        quantiles = np.percentile(delays, [50, 97.5]) if delays else [math.nan] * 2
-        print(
-            f"| {vehicle} | {kind} | {rates} | {stamps} | {hours:.2f} | {alarms} | {len(delays)}/{found} | "
-            f"{right} | {quantiles[0]:.0f} | {quantiles[1]:.0f} |",
-            flush=True,
-        )
+            what = "missed" if delay != delay else "early" if delay < 0.0 else "found"
+            if what == "found" and named != rotor[k]:
+                what = "wrong"
+            outcome[rates].append((what, delay, healthy))
+
+
+def row(vehicle: str, rates: str, flights: list[tuple[str, float, float]]) -> str:
+    """Return one row of the table."""
+    delays = [delay * 1e3 for what, delay, _ in flights if what in ("found", "wrong")]
+    count = {what: sum(other == what for other, _, _ in flights) for what in ("found", "wrong", "early")}
+    quantiles = np.percentile(delays, [50, 97.5]) if delays else [math.nan] * 2
+    healthy = sum(seconds for _, _, seconds in flights) / 60.0
+    return (
+        f"| {vehicle} | {rates} | {healthy:.1f} | {count['early']} | "
+        f"{len(delays)}/{len(flights) - count['early']} | {count['found']} | "
+        f"{quantiles[0]:.0f} | {quantiles[1]:.0f} |"
+    )
 
 
 if __name__ == "__main__":

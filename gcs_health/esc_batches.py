@@ -4,7 +4,31 @@ A vehicle of more than four rotors sends its ESCs in batches, one right behind t
 are what they were when measured, one moment of all rotors, and the estimators work half as often.
 """
 
-Known = list[tuple[int, float, float, float]]  # (ESC index, speed, current, voltage)
+from typing import NamedTuple
+
+
+class Known(NamedTuple):
+    """What is known of some ESCs, NaN where an ESC does not say."""
+
+    escs: tuple[int, ...] = ()  # their indices
+    speed: tuple[float, ...] = ()  # [rad/s]
+    current: tuple[float, ...] = ()  # [A]
+    voltage: tuple[float, ...] = ()  # [V]
+
+    @staticmethod
+    def of(escs: list[tuple[int, float, float, float]]) -> "Known":
+        """Return (index, speed, current, voltage) of each ESC as one."""
+        return Known(*zip(*escs, strict=True)) if escs else Known()
+
+    def and_these(self, more: "Known") -> "Known":
+        """Return both."""
+        return Known(
+            self.escs + more.escs,
+            self.speed + more.speed,
+            self.current + more.current,
+            self.voltage + more.voltage,
+        )
+
 
 MOMENT = 0.002  # s; batches of one moment may carry stamps so far apart (the newest PX4 stamps the sending)
 MISSED = 3  # times in a row that the rest did not follow: it is no longer waited for
@@ -20,7 +44,7 @@ class BatchJoin:
     def __init__(self) -> None:
         self._last = 0  # first ESC of the last batch that is waited for
         self._missed = 0
-        self._held: Known = []
+        self._held = Known()
         self._t = 0.0
         self._reached = 0
 
@@ -28,19 +52,19 @@ class BatchJoin:
         """Take one batch from ESC `first` on at time `t` [s]; return what is complete, with its time."""
         if first > self._last:
             self._last, self._missed = first, 0
-        joins = bool(self._held) and first > self._reached and abs(t - self._t) < MOMENT
+        joins = bool(self._held.escs) and first > self._reached and abs(t - self._t) < MOMENT
         if joins:
-            t, known = self._t, self._held + known
+            t, known = self._t, self._held.and_these(known)
         if first >= self._last:
             if joins:
-                self._held, self._missed = [], 0
+                self._held, self._missed = Known(), 0
             return t, known
         overdue, since = self._held, self._t
         self._held, self._t, self._reached = known, t, first
-        if joins or not overdue:
+        if joins or not overdue.escs:
             return None
         self._missed += 1
         if self._missed < MISSED:
             return since, overdue
-        self._last, self._held = first, []
+        self._last, self._held = first, Known()
         return t, known

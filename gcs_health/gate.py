@@ -12,6 +12,7 @@ Source: sheet 5 section 3, rules 1-3 and 6; tuned there on `indiflight_*`, `nano
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from operator import mul
@@ -65,6 +66,7 @@ class FlightGate:
     reason : why not, the first that applies; None while verdicts may be given.
     since_open : seconds since the gate opened; 0 while closed.
     excess_sigma : usual size of e [m/s²].
+    mean_speed : of all rotors at the last tick [rad/s].
     """
 
     def __init__(self, rotors: int, config: GateConfig | None = None) -> None:
@@ -75,6 +77,7 @@ class FlightGate:
         self.reason: Closed | None = Closed.SETTLING
         self.since_open = 0.0
         self.excess_sigma = 2.0
+        self.mean_speed = 0.0
         self._clear_since = math.nan
         self._opened_at = math.nan
         self._low_since = [math.nan] * rotors
@@ -87,7 +90,7 @@ class FlightGate:
         self,
         t: float,
         dt: float,
-        speeds: list[float],
+        speeds: Sequence[float],
         rotor_age: float,
         rotor_interval: float,
         az: float,
@@ -106,7 +109,7 @@ class FlightGate:
         blocked : a reason of the caller's to keep it closed.
         """
         c = self.config
-        mean = sum(speeds) / self.rotors
+        mean = self.mean_speed = sum(speeds) / self.rotors
         excess = -az - thrust * sum(map(mul, speeds, speeds))
         hover = math.sqrt(GRAVITY / (self.rotors * thrust)) if thrust > 0.0 else math.inf
         recent = self._recent
@@ -145,7 +148,7 @@ class FlightGate:
         return usual if usual > c.rotor_age else c.rotor_age
 
     def _speeds_low(
-        self, t: float, speeds: list[float], hover: float, recent: deque[tuple[float, float, float]]
+        self, t: float, speeds: Sequence[float], hover: float, recent: deque[tuple[float, float, float]]
     ) -> Closed | None:
         c = self.config
         low = 0
@@ -162,7 +165,7 @@ class FlightGate:
             return Closed.ON_GROUND if mean < 0.1 * hover else Closed.ROTORS_BELOW_HOVER
         return None
 
-    def _slow_rotors(self, t: float, speeds: list[float], limit: float) -> int:
+    def _slow_rotors(self, t: float, speeds: Sequence[float], limit: float) -> int:
         """Return how many rotors have been slower than the limit [rad/s] for long."""
         low = 0
         for i in range(self.rotors):

@@ -51,18 +51,48 @@ class RotorState(StrEnum):
     STOPPED = "stopped"
 
 
+class _Timing:
+    """When news came, of one ESC or of four that come together and are well."""
+
+    __slots__ = ("interval", "news")
+
+    def __init__(self) -> None:
+        self.news = -math.inf  # when [s]
+        self.interval = NAN  # usual time between news [s]
+
+    def note(self, t: float) -> bool:
+        """Take news; return whether they are newer than the last."""
+        step = t - self.news
+        if step > 0.0:
+            usual = self.interval
+            if step < math.inf:
+                # a clipped mean: gaps do not slow it, a change of rate is followed
+                self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
+            self.news = t
+            return True
+        if step < -ANEW:
+            self.news = t
+            return True
+        return False
+
+    def copy(self) -> "_Timing":
+        """Return one that goes on by itself."""
+        other = _Timing()
+        other.news, other.interval = self.news, self.interval
+        return other
+
+
 class _Esc:
     """What one ESC index has shown so far."""
 
     __slots__ = (
         "changed",
         "count",
-        "interval",
         "moved",
-        "news",
         "packets",
         "raw",
         "speed",
+        "timing",
         "turned",
         "volts",
         "volts_seen",
@@ -72,9 +102,8 @@ class _Esc:
     def __init__(self) -> None:
         self.turned = False
         self.volts_seen = False
-        self.speed = NAN  # last known [rad/s]
-        self.news = -math.inf  # when [s]
-        self.interval = NAN  # usual time between news [s]
+        self.speed = NAN  # last known [rad/s]; while four are well together, one of theirs
+        self.timing = _Timing()
         # ArduPilot's alone
         self.count: int | None = None
         self.packets = False  # count has ever moved
@@ -85,16 +114,8 @@ class _Esc:
 
     def note(self, t: float, speed: float) -> None:
         """Take a known speed."""
-        step = t - self.news
-        if step > 0.0:
-            usual = self.interval
-            if step < math.inf:
-                # a clipped mean: gaps do not slow it, a change of rate is followed
-                self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
-            self.news = t
+        if self.timing.note(t):
             self.speed = speed
-        elif step < -ANEW:
-            self.news, self.speed = t, speed
         if speed > 0.0:
             self.turned = True
 
@@ -162,6 +183,7 @@ class RotorTelemetry:
         self.gives_current = False
         self._rotor_of: dict[int, int] = {}  # by ESC index
         self._motors: tuple[tuple[int, int], ...] = ()  # (motor, ESC index) of each rotor
+        self._in_order: tuple[int, ...] = ()  # ESC index of each rotor
         self._channels: dict[int, int] = {}  # given, by motor
         self._channel_of: tuple[int, ...] = ()
         self._last_batch: dict[int, tuple[int | None, Four, Four, Four]] = {}
@@ -172,11 +194,13 @@ class RotorTelemetry:
         self._online_high = self._info_high = False
         self._px4 = self._ardupilot = self._rpm_only = False
         self._join = BatchJoin()
+        self._well: dict[int, _Timing] = {}  # of four ESCs that are well, by the first's index
 
     def set_airframe(self, airframe: Airframe) -> None:
         """Take the order of rotors and which ESC is whose."""
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
         self._motors = tuple((rotor.motor, rotor.esc) for rotor in airframe.rotors)
+        self._in_order = tuple(rotor.esc for rotor in airframe.rotors)
         self._find_channels()
 
     def set_output_channels(self, channels: dict[int, int]) -> None:
@@ -220,17 +244,17 @@ class RotorTelemetry:
     def state(self, esc: int, t: float) -> RotorState:
         """Return the state of ESC index `esc` at time `t` [s]."""
         known = self.escs.get(esc)
-        if known is None or known.news == -math.inf:
+        if known is None or known.timing.news == -math.inf:
             return RotorState.NOT_REPORTED
-        limit = STALE_AFTER * known.interval
-        if t - known.news > (limit if limit > STALE_LEAST else STALE_LEAST):
+        limit = STALE_AFTER * known.timing.interval
+        if t - known.timing.news > (limit if limit > STALE_LEAST else STALE_LEAST):
             return RotorState.STALE
         return RotorState.STOPPED if known.speed == 0.0 else RotorState.FRESH
 
     def rate(self, esc: int) -> float:
         """Return how often ESC index `esc` gives news [Hz]; 0 if it does not."""
         known = self.escs.get(esc)
-        return 1.0 / known.interval if known is not None and known.interval > 0.0 else 0.0
+        return 1.0 / known.timing.interval if known is not None and known.timing.interval > 0.0 else 0.0
 
     def notes(self) -> tuple[str, ...]:
         """Say what kind of telemetry this is and what it cannot tell."""
@@ -292,9 +316,40 @@ class RotorTelemetry:
         self._px4 = True
         if first >= 4 and self._is_copy(sample):
             return None
-        known: Known = []
+        live = sum(speed4) + sum(voltage4)  # NaN hides from min and max, not from this
+        if live == live and min(speed4) > 0.0 and max(speed4) < IMPOSSIBLE and min(voltage4) > LIVE_VOLTS:
+            self._note_well(t, first, speed4)
+            known = Known(tuple(range(first, first + 4)), speed4, current4, voltage4)
+        else:
+            known = self._sort_out(t, sample)
+        joined = self._join.feed(t, first, known)
+        return self._reading(*joined) if joined is not None else None
+
+    def _note_well(self, t: float, first: int, speed4: Four) -> None:
+        """Note four ESCs that all turn and have volts, by far the most frequent case: once for all."""
+        timing = self._well.get(first)
+        if timing is not None:
+            timing.note(t)
+            return
+        escs = [self.escs.setdefault(index, _Esc()) for index in range(first, first + 4)]
+        for esc, speed in zip(escs, speed4, strict=True):
+            esc.volts_seen = True
+            esc.note(t, speed)
+        timing = escs[0].timing
+        if all(esc.timing.news == timing.news and esc.timing.interval == timing.interval for esc in escs):
+            self._well[first] = timing
+            for esc in escs:
+                esc.timing = timing
+
+    def _sort_out(self, t: float, sample: EscStatus) -> Known:
+        """Note each of four ESCs for itself; return what is known of them."""
+        indices = range(sample.index, sample.index + 4)
+        if self._well.pop(sample.index, None) is not None:
+            for index in indices:
+                self.escs[index].timing = self.escs[index].timing.copy()
+        known = []
         for index, speed, voltage, current in zip(
-            range(first, first + 4), speed4, voltage4, current4, strict=True
+            indices, sample.speed, sample.voltage, sample.current, strict=True
         ):
             speed = abs(speed)
             esc = self.escs.get(index)
@@ -312,12 +367,11 @@ class RotorTelemetry:
                 continue
             esc.note(t, speed)
             known.append((index, speed, current, voltage))
-        joined = self._join.feed(t, first, known)
-        return self._reading(*joined) if joined is not None else None
+        return Known.of(known)
 
     def _esc_telemetry(self, t: float, sample: EscTelemetry) -> RotorReading | None:
         self._ardupilot = True
-        known: Known = []
+        known = []
         for j in range(4):
             index = sample.index + j
             esc = self.escs.get(index)
@@ -336,13 +390,17 @@ class RotorTelemetry:
             if count is None or count == sample.count[j]:  # nothing but the speed is new
                 voltage = current = NAN
             known.append((index, speed, current, voltage))
-        return self._reading(t, known)
+        return self._reading(t, Known.of(known))
 
     def _reading(self, t: float, known: Known) -> RotorReading | None:
         """Put what is known of ESCs in rotor order."""
+        if known.escs == self._in_order:  # all of them, and in the rotors' order already
+            if not self.gives_current:
+                self.gives_current = any(current > 0.0 for current in known.current)
+            return RotorReading(t, known.speed, known.current, known.voltage)
         n = len(self._motors)
         speeds, currents, volts, any_known = [NAN] * n, [NAN] * n, [NAN] * n, False
-        for index, speed, current, voltage in known:
+        for index, speed, current, voltage in zip(*known, strict=True):
             rotor = self._rotor_of.get(index)
             if rotor is not None:
                 speeds[rotor], currents[rotor], volts[rotor], any_known = speed, current, voltage, True

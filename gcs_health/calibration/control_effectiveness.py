@@ -17,7 +17,6 @@ Source: Strack van Schijndel et al. (2023) section III-C; sheet 1 section 6; she
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from gcs_health.airframe import Airframe
 from gcs_health.gate import GRAVITY
 
-LONGEST_WAIT = 64  # blocks worked off at once
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +58,7 @@ class ControlEffectiveness:
         self.prior = prior or EffectivenessPrior()
         rotors = airframe.rotors
         self.rotors = len(rotors)
+        self.hover = math.inf  # speed [rad/s]; infinite while thrust is not known
         given = airframe.effectiveness
         reach_x = max(abs(rotor.position[0]) for rotor in rotors)
         reach_y = max(abs(rotor.position[1]) for rotor in rotors)
@@ -103,6 +103,7 @@ class ControlEffectiveness:
 
     def _apply(self) -> None:
         hover_u = GRAVITY / (self.rotors * self.thrust) if self.thrust > 0.0 else math.inf
+        self.hover = math.sqrt(hover_u)
         roll = self.given[0] or self._in_hover[0] * self._scale[0] / hover_u
         pitch = self.given[1] or self._in_hover[1] * self._scale[1] / hover_u
         self.roll = [roll * arm for arm in self.roll_arm]
@@ -110,9 +111,7 @@ class ControlEffectiveness:
         yaw = self.given[2] if self.has_yaw and self.given[2] else 0.0
         self.yaw = [yaw * spin for spin in self.spin]
         # rows roll, pitch, yaw, a_z of every rotor: the columns of the model per squared speed
-        self.matrix: NDArray[np.float64] = np.array(
-            [self.roll, self.pitch, self.yaw, [-self.thrust] * self.rotors]
-        )
+        self.matrix: Array = np.array([self.roll, self.pitch, self.yaw, [-self.thrust] * self.rotors])
 
     def set_airborne(self, airborne: bool) -> None:
         """Take the autopilot's word that the vehicle flies."""
@@ -253,51 +252,27 @@ class MomentRegression:
         self.rotors = rotors
         size = rotors + 2
         self.time = 0.0  # effective time of data [s]
-        self._moments: NDArray[np.float64] = np.zeros((size, size))
-        self._waiting: list[tuple[list[float], float]] = []  # blocks not yet in it, and their lengths [s]
-        self._mean: list[float] | None = None
-        self.gap()
+        self.moments: Array = np.zeros((size, size))  # of (u_1 .. u_n, y_p, y_q), weighted by time and age
+        self._mean: Array | None = None
 
-    def gap(self) -> None:
-        """Ticks are missing: no block reaches across."""
-        self._sum = [0.0] * (self.rotors + 2)
-        self._length = 0.0
-
-    def feed(self, dt: float, squares: Sequence[float], roll: float, pitch: float) -> None:
-        """Take one tick: mean squared speeds over it and measured accelerations [rad/s²]."""
-        tick = (*squares, roll, pitch)
-        self._sum = [total + dt * value for total, value in zip(self._sum, tick, strict=True)]
-        self._length += dt
-        if self._length < self.prior.block:
-            return
-        length = self._length
-        values = [total / length for total in self._sum]
-        self.gap()
+    def feed(self, dt: Array, squares: Array, measured: Array) -> None:
+        """Take k ticks: lengths (k,), mean squared speeds over each (k, n), measured roll and pitch (k, 2)."""
+        values = np.concatenate((squares, measured), axis=1)
+        length = float(np.add.reduce(dt))
+        group = min(
+            len(dt), max(1, math.ceil(self.prior.block * len(dt) / length - 0.01))
+        )  # ticks of a block
+        odd = len(dt) % group
+        if group > 1:
+            values = np.add.reduce(values[odd:].reshape(-1, group, self.rotors + 2), axis=1) / group
+        mean = np.add.reduce(values) / len(values)
         if self._mean is None:
-            self._mean = values
-            return
-        gain = min(1.0, length / self.prior.high_pass)
-        self._mean = [mean + gain * (value - mean) for mean, value in zip(self._mean, values, strict=True)]
-        self._waiting.append(([v - m for v, m in zip(values, self._mean, strict=True)], length))
-        self.time = math.exp(-length / self.prior.memory) * self.time + length
-        if len(self._waiting) >= LONGEST_WAIT:
-            self._work_off()
-
-    @property
-    def moments(self) -> NDArray[np.float64]:
-        """Second moments of (u_1 .. u_n, y_p, y_q), weighted by time and age (n + 2, n + 2)."""
-        if self._waiting:
-            self._work_off()
-        return self._moments
-
-    def _work_off(self) -> None:
-        values = np.array([value for value, _ in self._waiting])
-        lengths = np.array([length for _, length in self._waiting])
-        after = lengths[::-1].cumsum()[::-1]  # from the beginning of each block to now
-        kept = np.exp((lengths - after) / self.prior.memory)
-        self._moments = math.exp(-float(after[0]) / self.prior.memory) * self._moments
-        self._moments += values.T @ (values * (lengths * kept)[:, None])
-        self._waiting.clear()
+            self._mean = mean
+        self._mean = self._mean + min(1.0, length / self.prior.high_pass) * (mean - self._mean)
+        values = values - self._mean
+        keep = math.exp(-length / self.prior.memory)
+        self.time = keep * self.time + length
+        self.moments = keep * self.moments + (length / len(values)) * (values.T @ values)
 
     def axis(self, row: int, gains: list[float]) -> tuple[float, float]:
         """Return (slope, R²) of measured on predicted acceleration; row 0 roll, 1 pitch."""

@@ -2,6 +2,8 @@
 
     g      coefficient of each rotor's squared speed in roll (or pitch) acceleration, all free
     cos    cosine of g with the coefficients that the geometry predicts: 1 right, 0 renumbered, -1 mirrored
+           with more than four rotors, whose speeds a mixer moves in four directions only, the coefficients
+           are not determined: then the cosine of what both predict, which is
     F      how much better g explains than nothing, in units of noise
 
 Hover excites too little to tell, then the answer is None. A lost rotor makes one coefficient vanish,
@@ -11,11 +13,14 @@ Source: this project; thresholds chosen on `bebop2_prop_eject`, `indiflight_*` a
 rates: with the right file cos stays above .4 wherever F > 4.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs_health.calibration.control_effectiveness import MomentRegression
+
+DETERMINED = 4  # rotors whose coefficients flight determines: roll, pitch, yaw and thrust
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class GeometryConfig:
 
 @dataclass(frozen=True, slots=True)
 class AxisFit:
-    """One axis: R² free and as the geometry says, cosine between both, F of the free fit."""
+    """One axis: R² free and as the geometry says, cosine between both fits, F of the free one."""
 
     free: float
     assumed: float
@@ -70,13 +75,16 @@ def fit_axis(regression: MomentRegression, row: int, gains: list[float], block: 
     g = np.linalg.solve(A + ridge * np.eye(n), c)
     free = min(max(float(c @ g) / total, 0.0), 1.0 - 1e-9)
     along = max(float(h @ c), 0.0)
-    size = float(np.linalg.norm(g) * np.linalg.norm(h))
+    if n > DETERMINED:
+        size, agreement = math.sqrt(max(spread * float(c @ g), 0.0)), float(h @ c)
+    else:
+        size, agreement = float(np.linalg.norm(g) * np.linalg.norm(h)), float(g @ h)
     if size <= 0.0:
         return None
     return AxisFit(
         free=free,
         assumed=along * along / spread / total,
-        cos=float(g @ h) / size,
+        cos=min(agreement / size, 1.0),
         f=free / (1.0 - free) * (samples - n) / n,
         samples=samples,
     )

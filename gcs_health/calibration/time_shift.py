@@ -11,10 +11,13 @@ Source: sheet 5 section 1 (nanodrone: rotor speeds 8 and 20 ms ahead of the IMU)
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,55 +53,68 @@ class TimeShift:
         self._tick = tick
         self._ahead = max(1, math.ceil(-c.earliest / tick - 0.01))
         behind = max(1, math.ceil(c.latest / tick - 0.01))
-        lags = self._ahead + behind + 1
-        self._x: deque[tuple[float, float]] = deque(maxlen=lags)
-        self._y: deque[tuple[float, float]] = deque(maxlen=self._ahead + 1)
-        self._sxy = [[0.0] * lags, [0.0] * lags]
-        self._sxx = [0.0, 0.0]
-        self._syy = [0.0, 0.0]
+        self._lags = self._ahead + behind + 1
+        self._sxy: Array = np.zeros((2, self._lags))
+        self._sxx: Array = np.zeros(2)
+        self._syy: Array = np.zeros(2)
         self._seen = 0.0
         self._since_verdict = 0.0
-        self._phase = 0
+        self._x: list[Array] = []  # since the last gap, (k, 2) each
+        self._y: list[Array] = []
 
     def gap(self) -> None:
         """Ticks are missing: no lag reaches across."""
+        if len(self._x) > 1:
+            self._work_off()
         self._x.clear()
         self._y.clear()
 
-    def feed(self, dt: float, x: tuple[float, float], y: tuple[float, float]) -> bool:
-        """Take one tick of high-passed predicted x and measured y [rad/s²]; return whether `shift` moved."""
+    def feed(self, dt: Array, x: Array, y: Array) -> bool:
+        """Take k ticks of high-passed predicted x and measured y (k, 2) [rad/s²].
+
+        Return whether `shift` moved.
+        """
         c = self.config
-        if not 0.6 < dt / self._tick < 1.6:
-            if self._seen == 0.0 or dt < 0.6 * self._tick:
-                self._start_over(dt)
+        usual = sorted(dt.tolist())[len(dt) // 2]
+        if not 0.6 < usual / self._tick < 1.6:
+            if self._seen > 0.0 and usual > self._tick:
+                self.gap()
+                return False
+            self._start_over(usual)
+        if dt.min() <= 0.6 * self._tick or dt.max() >= 1.6 * self._tick:
             self.gap()
             return False
         self._x.append(x)
         self._y.append(y)
-        self._seen += dt
-        self._since_verdict += dt
-        self._phase = (self._phase + 1) % 3
-        if self._phase or len(self._x) < (self._x.maxlen or 0):
-            return self._verdict() if self._since_verdict >= c.every else False
-        keep = math.exp(-3.0 * dt / c.memory)
-        past = self._y[0]  # x of this tick has `ahead` later ones in the buffer
-        window = zip(*self._x, strict=True)
-        self._sxy = [
-            [keep * total + x * y for total, x in zip(sums, row, strict=True)]
-            for sums, row, y in zip(self._sxy, window, past, strict=True)
-        ]
-        middle = self._x[len(self._x) - 1 - self._ahead]
-        for axis in range(2):
-            self._sxx[axis] = keep * self._sxx[axis] + middle[axis] * middle[axis]
-            self._syy[axis] = keep * self._syy[axis] + past[axis] * past[axis]
-        return self._verdict() if self._since_verdict >= c.every else False
+        self._since_verdict += float(np.add.reduce(dt))
+        if self._since_verdict < c.every:
+            return False
+        self._work_off()
+        return self._verdict()
+
+    def _work_off(self) -> None:
+        """Take what was gathered since the last gap or verdict into the sums."""
+        x, y = np.concatenate(self._x), np.concatenate(self._y)
+        lags = self._lags
+        count = len(x) - lags + 1
+        if count > 0:
+            last = lags - 1 - self._ahead
+            windows = sliding_window_view(x, lags, axis=0)  # (count, 2, lags), newest x last
+            middle = x[last : last + count]
+            past = y[last : last + count]  # has `ahead` later x in each window
+            keep = math.exp(-count * self._tick / self.config.memory)
+            self._sxy = keep * self._sxy + (windows * past[:, :, None]).sum(axis=0)
+            self._sxx = keep * self._sxx + (middle * middle).sum(axis=0)
+            self._syy = keep * self._syy + (past * past).sum(axis=0)
+            self._seen += count * self._tick
+        self._x, self._y = [x[max(count, 0) :]], [y[max(count, 0) :]]
 
     def _verdict(self) -> bool:
         c = self.config
         self._since_verdict = 0.0
-        if self._seen < c.settle or min(self._sxx) <= 0.0 or min(self._syy) <= 0.0:
+        if self._seen < c.settle or min(self._sxx.min(), self._syy.min()) <= 0.0:
             return False
-        share = np.maximum(np.array(self._sxy).T, 0.0) ** 2 / (np.array(self._sxx) * np.array(self._syy))
+        share = np.maximum(self._sxy.T, 0.0) ** 2 / (self._sxx * self._syy)
         r2 = share.mean(axis=1)[::-1]  # index 0 = the latest x: lag -ahead
         best = int(r2.argmax())
         self.r2 = float(r2[best])

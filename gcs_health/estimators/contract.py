@@ -51,6 +51,9 @@ class Reason(StrEnum):
     LITTLE_EXCITATION = "little_excitation"
     NO_CURRENTS = "no_currents"
     NO_MODEL = "no_model"
+    NO_HEALTHY_REFERENCE = "no_healthy_reference"
+    LOAD_SHIFTED = "load_shifted"
+    TRIM_UNCLEAR = "trim_unclear"
 
 
 REASON_TEXT: dict[Reason, str] = {
@@ -73,6 +76,9 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.LITTLE_EXCITATION: "the rotor speeds hardly differ: the rotors cannot be told apart",
     Reason.NO_CURRENTS: "no motor currents in the stream",
     Reason.NO_MODEL: "no model was trained for this vehicle",
+    Reason.NO_HEALTHY_REFERENCE: "no commands of a healthy hover are known to compare with",
+    Reason.LOAD_SHIFTED: "the hover commands changed as a shifted load changes them, not a damaged propeller",
+    Reason.TRIM_UNCLEAR: "the hover commands changed, by a rotor or by a load: it cannot be told which",
 }
 
 

@@ -22,6 +22,7 @@ from gcs_health.estimators.effectiveness_inputs import Inputs
 from gcs_health.estimators.effectiveness_paper import PaperFilter
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.estimators.stopped_motor import StoppedMotor
+from gcs_health.estimators.without_speeds import WithoutSpeeds
 from gcs_health.gate import GRAVITY, Closed
 from gcs_health.samples import CommandReading, FlightReading, ImuReading, Reading, RotorReading
 
@@ -84,10 +85,14 @@ class EffectivenessEstimator:
         self._stopped_rule = StoppedMotor(n, self.config.stopped)
         self._stopped: int | None = None
         self._stopped_ratio = NAN
+        self._bare: WithoutSpeeds | None = None
+        if self.config.mode == "recommended":
+            self._bare = WithoutSpeeds(self.airframe, self.config.contradiction, self.config.trim)
         self._inputs = Inputs(n, self.config.stale_after)
         self._speeds = self._inputs.speeds
-        self._t = -math.inf
+        self._t = math.inf  # of the newest reading; infinite before any
         self._first_t = math.inf
+        self._told: tuple[int | None, bool] = (None, False)  # what was decided when last something was said
         self._late_row = 0
         self._armed: bool | None = None
         self._still_since = NAN
@@ -95,19 +100,21 @@ class EffectivenessEstimator:
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates of the rotors about which a decision changed with it."""
-        if not self._in_order(reading.t):
+        t = reading.t
+        if self._t <= t < math.inf and not self._late_row:
+            self._t = t
+        elif not self._in_order(t):
             return []
-        was = self._failed()
-        doubted = self._contradicted()
         changed = self._take(reading)
         if self._flight_over and self._flies():
             self._new_flight()
             changed = True
         if not changed:
             return []
-        now = self._failed()
-        estimates = self.estimates(reading.t)
-        if self._contradicted() != doubted:
+        was, doubted = self._told
+        now, doubtful = self._told = (self._failed(), self._contradicted())
+        estimates = self.estimates(t)
+        if doubtful != doubted:
             return estimates
         return [estimate for estimate in estimates if now != was and estimate.rotor in (was, now)]
 
@@ -116,16 +123,25 @@ class EffectivenessEstimator:
         """What the recommended mode knows; None in paper mode."""
         return self._core if isinstance(self._core, RecommendedBank) else None
 
+    @property
+    def without_speeds(self) -> WithoutSpeeds | None:
+        """What commands and rates tell; None once rotor speeds have come, and in paper mode."""
+        return self._bare
+
     def _take(self, reading: Reading) -> bool:
         """Hand a reading to its part; return whether a decision changed."""
         kind = type(reading)
         if kind is ImuReading:
             self._inputs.imu_t = reading.t
-            return self._core.imu(reading)  # type: ignore[arg-type]
+            changed = self._core.imu(reading)  # type: ignore[arg-type]
+            if self._bare is not None:
+                changed = self._bare.imu(reading) or changed  # type: ignore[arg-type]
+            return changed
         if kind is RotorReading:
             return self._take_speeds(reading)  # type: ignore[arg-type]
         if isinstance(reading, CommandReading):
             self._inputs.take_commands(reading)
+            return self._bare is not None and self._bare.commands(reading)
         elif isinstance(reading, FlightReading):
             self._take_flight(reading)
         return False
@@ -134,6 +150,9 @@ class EffectivenessEstimator:
         """Return one estimate per rotor at vehicle time `t` [s]."""
         common = self._inputs.missing(t)
         failed = self._failed()
+        bare = self._bare
+        if bare is not None and bare.heard and Reason.NO_ROTOR_SPEEDS in common:
+            return [bare.estimate(self.name, t, i, common) for i in range(len(self._speeds))]
         if isinstance(self._core, PaperFilter):
             return [self._paper_estimate(self._core, t, i, common) for i in range(len(self._speeds))]
         likelihoods, information = self._core.bank.standing(self._core.tick_length)
@@ -151,7 +170,7 @@ class EffectivenessEstimator:
         if t - t != 0.0:
             self.late += 1
             return False
-        if t < self._t:
+        if t < self._t < math.inf:
             # one late reading is for the parts to refuse; many on end mean that the clock was set back
             self.late += 1
             self._late_row += 1
@@ -168,11 +187,15 @@ class EffectivenessEstimator:
         return True
 
     def _take_speeds(self, reading: RotorReading) -> bool:
-        self._inputs.take_speeds(reading)
+        self._bare = None  # rotor speeds come: they tell more
+        slowest = self._inputs.take_speeds(reading)
         changed = self._core.rotor_speeds(reading)
         hover = self._hover()
-        self._watch_flight_end(reading.t, hover)
-        if self._failed() is None:
+        if slowest > self.config.flight_over_speed * hover:
+            self._still_since = NAN
+        else:
+            self._watch_flight_end(reading.t, hover)
+        if self._stopped is None and self._core.failed is None:
             stopped = self._stopped_rule.feed(
                 reading.t, self._speeds, hover, self._inputs.commands, self._would_name(reading.t)
             )
@@ -193,6 +216,8 @@ class EffectivenessEstimator:
     def _take_flight(self, reading: FlightReading) -> None:
         if self._armed and reading.armed is False:
             self._end_flight()
+        if self._bare is not None and reading.armed and not self._armed:
+            self._bare.restart()  # another flight
         if reading.armed is not None:
             self._armed = reading.armed
         if isinstance(self._core, RecommendedBank):
@@ -233,6 +258,8 @@ class EffectivenessEstimator:
         return math.sqrt(GRAVITY / (len(self._speeds) * self._core.thrust))
 
     def _failed(self) -> int | None:
+        if self._bare is not None:
+            return self._bare.failed
         return self._core.failed if self._stopped is None else self._stopped
 
     def _contradicted(self) -> bool:

@@ -7,8 +7,10 @@ from gcs_health.calibration.control_effectiveness import EffectivenessPrior
 from gcs_health.calibration.geometry_check import GeometryConfig
 from gcs_health.calibration.residual_noise import NoiseConfig
 from gcs_health.calibration.time_shift import ShiftConfig
+from gcs_health.estimators.contradiction import ContradictionConfig
 from gcs_health.estimators.effectiveness_paper import PaperConfig
 from gcs_health.estimators.fault_bank import BankConfig
+from gcs_health.estimators.hover_trim import TrimConfig
 from gcs_health.estimators.slow_effectiveness import SlowConfig
 from gcs_health.estimators.stopped_motor import StoppedConfig
 from gcs_health.gate import GateConfig
@@ -35,6 +37,7 @@ class RecommendedConfig:
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
     freeze_at_most: float = 1.0  # s on end; this project
     refine: float = 0.3  # s after a verdict in which the size of the loss is still learned; this project
+    lesson: float = 0.2  # s of ticks from which is learned at once
     check_every: float = 0.5  # s between looks at gains and geometry
     strikes: int = 3  # successive looks that must contradict the geometry
     bank: BankConfig = field(default_factory=BankConfig)
@@ -54,6 +57,8 @@ class EffectivenessConfig:
     recommended: RecommendedConfig = field(default_factory=RecommendedConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     stopped: StoppedConfig = field(default_factory=StoppedConfig)
+    contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
+    trim: TrimConfig = field(default_factory=TrimConfig)
     absent_after: float = 2.0  # s of stream after which a missing input is called absent
     stale_after: float = 1.0  # s
     flight_over_after: float = 2.0  # s with all rotors below `flight_over_speed`

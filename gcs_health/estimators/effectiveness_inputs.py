@@ -23,19 +23,23 @@ class Inputs:
         self.imu_t = -math.inf
         self.speeds = [math.nan] * rotors
         self.speed_t = [-math.inf] * rotors
+        self._newest = -math.inf
         self.commands = [math.nan] * rotors
 
-    def take_speeds(self, reading: RotorReading) -> None:
-        """Take the speeds that are new and plausible."""
+    def take_speeds(self, reading: RotorReading) -> float:
+        """Take the speeds that are new and plausible; return the slowest, 0 where not all are."""
         t = reading.t
-        if complete(reading.speed, len(self.speeds)) and t >= max(self.speed_t):
+        if t >= self._newest and complete(reading.speed, len(self.speeds)):
             self.speeds[:] = reading.speed
-            self.speed_t = [t] * len(self.speeds)
-            return
+            self.speed_t[:] = [t] * len(self.speeds)
+            self._newest = t
+            return min(reading.speed)
         for i, speed in enumerate(reading.speed[: len(self.speeds)]):
             if -FASTEST < speed < FASTEST and reading.t >= self.speed_t[i]:
                 self.speeds[i] = abs(speed)
                 self.speed_t[i] = reading.t
+                self._newest = max(self._newest, t)
+        return 0.0
 
     def take_commands(self, reading: CommandReading) -> None:
         """Take the commands that are known."""
@@ -50,7 +54,7 @@ class Inputs:
             reasons.append(Reason.NO_IMU)
         elif t - self.imu_t > self.stale_after:
             reasons.append(Reason.IMU_STALE)
-        newest = max(self.speed_t)
+        newest = self._newest
         if newest == -math.inf:
             reasons.append(Reason.NO_ROTOR_SPEEDS)
         elif t - newest > self.stale_after:

@@ -14,6 +14,11 @@ Source: sheet 1 section 7, with the rules of sheet 5 section 3, which wins where
 
 import math
 from collections import deque
+from collections.abc import Sequence
+from operator import mul
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.calibration import geometry_check
@@ -22,11 +27,14 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.residual_model import Residual, Step, calm, evidence, residual
+from gcs_health.estimators.lesson import Lesson
+from gcs_health.estimators.residual_model import Evidence, Push, Step, calm, push, residual, step_between
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
-from gcs_health.gate import GRAVITY, Closed, FlightGate
+from gcs_health.gate import Closed, FlightGate
 from gcs_health.samples import ImuReading, RotorReading
+
+Array = NDArray[np.float64]
 
 
 class RecommendedBank:
@@ -53,6 +61,7 @@ class RecommendedBank:
         self.regression = MomentRegression(n, config.prior)
         self.shift = TimeShift(config.shift)
         self.slow = SlowEffectiveness(n, config.slow)
+        self._calm_limit = config.calm * config.calm
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
         self._failed_at = -math.inf
@@ -60,28 +69,31 @@ class RecommendedBank:
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
         self._before: Tick | None = None
-        self._speeds: list[float] = []  # at the last tick that is final
+        self._push: Push | None = None  # at the last tick that is final
         self._pending: list[Step] = []  # ticks beyond the last rotor speeds
-        self._held_speeds: list[list[float]] = []  # at each of them
+        self._held_speeds: list[Sequence[float]] = []  # at each of them
+        self._held_push: Push | None = None  # with the last rotor speeds
         self._held_pass = (-math.inf, -1)  # last tick that passed on held speeds, and its rotor
         self._in_bank = 0  # pending ticks that the bank has seen
         self._newest_learned = -math.inf
-        self._motion = [0.0] * 5  # a_x, a_y, p, q, r, low-passed
+        self._motion = (0.0,) * 5  # a_x, a_y, p, q, r, low-passed
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._strikes = 0
+        self._gathered: list[tuple[Step, Evidence]] = []  # final ticks of the next lesson
+        self._gathered_time = 0.0
+        self._aged: list[tuple[int, tuple[float, ...], float, float]] = []  # age, e, dt, inflation
         # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
-        self._regression_late: deque[tuple[float, float, list[float], float, float]] = deque()
+        self._regression_late: deque[Lesson] = deque()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
-        self._x_mean = [0.0, 0.0, 0.0, 0.0]  # high pass of predicted and measured roll, pitch
+        self._slow_mean: Array = np.zeros((2, 2))  # of predicted and measured roll, pitch
 
     @property
     def hover(self) -> float:
         """Hover speed [rad/s], infinite while thrust is not known."""
-        thrust = self.gains.thrust
-        return math.sqrt(GRAVITY / (self.rotors * thrust)) if thrust > 0.0 else math.inf
+        return self.gains.hover
 
     @property
     def tick_length(self) -> float:
@@ -119,72 +131,83 @@ class RecommendedBank:
         self.slow.restart()
 
     def _advance(self, tick: Tick, before: Tick) -> bool:
-        c = self.config
-        dt = tick.t - before.t
+        t = tick.t
+        dt = t - before.t
         track = self.track
-        speeds = track.at(tick.t - self.shift.shift)
-        squares = 0.0
-        for speed in speeds:
-            squares += speed * speed
+        shift = self.shift.shift
+        speeds = track.at(t - shift)
         if not self.gains.thrust_given and self.failed is None:
-            self.gains.learn_thrust(dt, tick.az, squares)
+            self.gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
         blocked = None
         if not self.gains.known:
             blocked = Closed.EFFECTIVENESS_UNKNOWN
         elif self.rate_too_low():
             blocked = Closed.RATE_TOO_LOW
-        was_open = self.gate.open
-        age = tick.t - track.covered
-        is_open = self.gate.feed(tick.t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
-        self._count_time(min(dt, 0.1), age, squares, is_open)
-        gain = min(1.0, dt / c.motion_time)
-        motion = self._motion
-        motion[0] += gain * (tick.ax - motion[0])
-        motion[1] += gain * (tick.ay - motion[1])
-        motion[2] += gain * (tick.p - motion[2])
-        motion[3] += gain * (tick.q - motion[3])
-        motion[4] += gain * (tick.r - motion[4])
+        gate = self.gate
+        was_open = gate.open
+        age = t - track.covered
+        is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
+        self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
+        inflation = self._inflation(tick, dt)
         if not is_open or not was_open:
             self._start_over(speeds, opened=is_open)
             return False
-        push = (motion[0] ** 2 + motion[1] ** 2) / c.drag_scale**2
-        spin = (motion[2] ** 2 + motion[3] ** 2 + motion[4] ** 2) / c.body_rate_scale**2
-        step = Step(tick, before, dt, (1.0 + push + spin) ** 2)
-        self._pending.append(step)
+        self._pending.append(step_between(before, tick, dt, inflation))
         self._held_speeds.append(speeds)
-        if tick.t <= track.covered + self.shift.shift:
+        if t <= track.covered + shift:
             return self._evaluate()
-        if track.interval <= min(self.tick_length, c.wait) and age < 1.5 * track.interval:
+        if track.interval <= min(self.tick_length, self.config.wait) and age < 1.5 * track.interval:
             return False  # the next rotor speeds bracket this tick within less than a tick
         return self._provisional(len(self._pending) - 1)
 
-    def _count_time(self, dt: float, age: float, squares: float, is_open: bool) -> None:
+    def _inflation(self, tick: Tick, dt: float) -> float:
+        """Return by how much the vehicle's motion raises the residual's variance."""
+        c = self.config
+        gain = dt / c.motion_time
+        if gain > 1.0:
+            gain = 1.0
+        ax, ay, p, q, r = self._motion
+        ax += gain * (tick.ax - ax)
+        ay += gain * (tick.ay - ay)
+        p += gain * (tick.p - p)
+        q += gain * (tick.q - q)
+        r += gain * (tick.r - r)
+        self._motion = (ax, ay, p, q, r)
+        push = (ax * ax + ay * ay) / c.drag_scale**2
+        spin = (p * p + q * q + r * r) / c.body_rate_scale**2
+        return (1.0 + push + spin) ** 2
+
+    def _count_time(self, dt: float, age: float, is_open: bool) -> None:
         if is_open:
             self.open_time += dt
-        if age < 0.2 and squares > 0.36 * self.rotors * self.hover**2:
+        if age < 0.2 and self.gate.mean_speed > 0.6 * self.gains.hover:
             self.flying_time += dt
 
-    def _start_over(self, speeds: list[float], opened: bool) -> None:
+    def _start_over(self, speeds: Sequence[float], opened: bool) -> None:
         """No window, no block, no offset reaches across a closed gate."""
         if opened:
             squares = self.hover * self.hover
             self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
-            self._speeds = speeds
+            self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()
+            self._gathered.clear()
+            self._gathered_time = 0.0
+            self._aged.clear()
             self._regression_late.clear()
-            self.regression.gap()
             self.shift.gap()
             self._pending.clear()
             self._held_speeds.clear()
+            self._held_push = None
             self._in_bank = 0
         self._row = self._final_row = (-1, 0)
 
     def _evaluate(self) -> bool:
         """Rotor speeds came: make final what they bracket, judge the rest anew with the newest held."""
-        covered = self.track.covered + self.shift.shift
+        shift = self.shift.shift
+        covered = self.track.covered + shift
         pending = self._pending
         self.bank.drop_provisional()
         self._in_bank = 0
@@ -192,30 +215,38 @@ class RecommendedBank:
         done = 0
         fell = False
         for step in pending:
-            if step.tick.t > covered:
+            if step.t > covered:
                 break
             fell = self._make_final(step) or fell
             done += 1
         del pending[:done]
-        shift = self.shift.shift
-        self._held_speeds = [self.track.at(step.tick.t - shift) for step in pending]
-        for position in range(len(pending)):
-            fell = self._provisional(position) or fell
+        self._held_push = None
+        if pending:
+            self._held_speeds = [self.track.at(step.t - shift) for step in pending]
+            for position in range(len(pending)):
+                fell = self._provisional(position) or fell
+        else:
+            self._held_speeds.clear()
         return fell
 
     def _make_final(self, step: Step) -> bool:
-        t = step.tick.t
-        speeds = self.track.at(t - self.shift.shift)
-        left = residual(step, self._speeds, speeds, self.gains)
-        self._speeds = speeds
-        noise = self.noise
-        variances = noise.variances(0, 0.0, step.inflation)
-        look = self._suspects(t) or not calm(left.e, noise.offset, variances, self.config.calm)
-        self.bank.add_final(evidence(left, noise.offset, variances, self.gains.matrix), -left.e[3])
+        t = step.t
+        gains, noise = self.gains, self.noise
+        before = self._push
+        assert before is not None
+        now = self._push = push(self.track.at(t - self.shift.shift), gains)
+        e = residual(step, before, now, gains.has_yaw)
+        variances = noise.variances(0)
+        tick = Evidence(e, noise.offset, variances, step.inflation, before.speeds, now.speeds, gains.matrix)
+        look = self._suspects(t) or not calm(tick, self._calm_limit)
+        self.bank.add_final(tick, -e[3])
         fell = self._judge(t, True, look)
         self._final_row = self._row
         if self.failed is None:
-            fell = self._learn(step, left, variances) or fell
+            self._gathered.append((step, tick))
+            self._gathered_time += step.dt
+            if self._gathered_time >= self.config.lesson:
+                fell = self._learn(t) or fell
         return fell
 
     def _suspects(self, t: float) -> bool:
@@ -224,34 +255,48 @@ class RecommendedBank:
 
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
+        tick = self._held(position)
         step = self._pending[position]
-        t = step.tick.t
-        left = self._held(position)
-        noise = self.noise
+        t = step.t
         if t > self._newest_learned:
             self._newest_learned = t
             if t > self._frozen_until and self.failed is None:
-                noise.learn_aged(position + 1, left.e, step.dt, self.gate.since_open, step.inflation)
+                self._aged.append((position + 1, tick.e, step.dt, step.inflation))
         suspected = t <= self._frozen_until or self._in_bank == position > 0
-        if not suspected and calm(left.e, noise.offset, self._variances(position), self.config.calm):
+        if not suspected and calm(tick, self._calm_limit):
             return False
         for waited in range(self._in_bank, position + 1):
-            left = self._held(waited)
-            tick = evidence(left, noise.offset, self._variances(waited), self.gains.matrix)
-            self.bank.add_provisional(tick, -left.e[3])
+            tick = self._held(waited)
+            self.bank.add_provisional(tick, -tick.e[3])
         self._in_bank = position + 1
         return self._judge(t, False)
 
-    def _held(self, position: int) -> Residual:
-        """Return the residual of a pending tick, with the last rotor speeds held."""
-        before = self._held_speeds[position - 1] if position else self._speeds
-        return residual(self._pending[position], before, self._held_speeds[position], self.gains)
-
-    def _variances(self, position: int) -> list[float]:
-        """Return the variances of a pending tick: its rotor speeds are held, and so the older the worse."""
+    def _held(self, position: int) -> Evidence:
+        """Return a pending tick with the last rotor speeds held: the older they are, the worse."""
         step = self._pending[position]
-        late = max(0.0, step.tick.t - self.track.covered - self.shift.shift)
-        return self.noise.variances(position + 1, late, step.inflation)
+        before = self._push_at(position - 1)
+        now = self._push_at(position)
+        late = step.t - self.track.covered - self.shift.shift
+        return Evidence(
+            residual(step, before, now, self.gains.has_yaw),
+            self.noise.offset,
+            self.noise.variances(position + 1),
+            step.inflation * self.noise.growth(late if late > 0.0 else 0.0),
+            before.speeds,
+            now.speeds,
+            self.gains.matrix,
+        )
+
+    def _push_at(self, position: int) -> Push:
+        """Return what the rotors do at a pending tick; mostly the same as at the one before."""
+        if position < 0:
+            assert self._push is not None
+            return self._push
+        speeds = self._held_speeds[position]
+        held = self._held_push
+        if held is None or held.speeds is not speeds:
+            held = self._held_push = push(speeds, self.gains)
+        return held
 
     def _judge(self, t: float, final: bool, look: bool = True) -> bool:
         """Judge the bank as it stands, if it is worth a `look`; return whether a verdict fell."""
@@ -312,37 +357,48 @@ class RecommendedBank:
         if t - self._frozen_since < self.config.freeze_at_most:
             self._frozen_until = t + self.config.freeze
 
-    def _learn(self, step: Step, left: Residual, variances: list[float]) -> bool:
-        """Learn from a final tick; return whether the geometry became, or ceased to be, contradicted."""
+    def _learn(self, t: float) -> bool:
+        """Learn from the final ticks gathered; return whether the geometry became, or ceased to be, wrong."""
         c = self.config
-        tick, before, dt, inflation = step
-        if tick.t > self._frozen_until:
-            self.noise.learn(left.e, dt, self.gate.since_open, inflation)
-        self.slow.feed(dt, left, variances, self.gains.matrix)
-        roll = (tick.p - before.p) / dt
-        pitch = (tick.q - before.q) / dt
+        lesson = Lesson(self._gathered)
+        self._gathered.clear()
+        self._gathered_time = 0.0
+        if lesson.first_t > self._frozen_until:
+            self._learn_noise(lesson)
+        self._aged.clear()
+        self.slow.feed(lesson, self.gains.matrix)
         late = self._regression_late
-        late.append((tick.t, dt, left.mean, roll, pitch))
-        while tick.t - late[0][0] > c.geometry.delay:
-            self.regression.feed(*late.popleft()[1:])
-        predicted = (roll - left.e[0], pitch - left.e[1])
-        mean = self._x_mean
-        gain = min(1.0, dt / c.prior.high_pass)
-        mean[0] += gain * (predicted[0] - mean[0])
-        mean[1] += gain * (predicted[1] - mean[1])
-        mean[2] += gain * (roll - mean[2])
-        mean[3] += gain * (pitch - mean[3])
-        x = (predicted[0] - mean[0], predicted[1] - mean[1])
+        late.append(lesson)
+        while t - late[0].last_t > c.geometry.delay:
+            old = late.popleft()
+            self.regression.feed(old.dt, old.squares, old.measured)
         if self.track.interval < c.shift_rotor_speeds and self.tick_length < c.shift_rotor_speeds:
-            moved = self.shift.feed(dt, x, (roll - mean[2], pitch - mean[3]))
-            if moved:  # what was gathered paired rates with the wrong speeds
-                self.regression = MomentRegression(self.rotors, c.prior)
-                late.clear()
-        self._checked += dt
+            self._learn_shift(lesson)
+        self._checked += lesson.length
         if self._checked >= c.check_every:
             self._checked = 0.0
             return self._check()
         return False
+
+    def _learn_noise(self, lesson: Lesson) -> None:
+        since_open = self.gate.since_open
+        if self._aged:
+            ages, e, dt, inflation = zip(*self._aged, strict=True)
+            self.noise.learn_aged(list(ages), np.array(e), np.array(dt), np.array(inflation), since_open)
+        self.noise.learn(lesson.e, lesson.dt, lesson.inflation, since_open)
+
+    def _learn_shift(self, lesson: Lesson) -> None:
+        c = self.config
+        both = np.array((lesson.predicted, lesson.measured))
+        mean = self._slow_mean
+        mean += min(1.0, lesson.length / c.prior.high_pass) * (
+            np.add.reduce(both, axis=1) / both.shape[1] - mean
+        )
+        predicted, measured = both - mean[:, None, :]
+        if self.shift.feed(lesson.dt, predicted, measured):
+            # what was gathered paired rates with the wrong speeds
+            self.regression = MomentRegression(self.rotors, c.prior)
+            self._regression_late.clear()
 
     def _check(self) -> bool:
         """Twice a second: gains that are not given, and whether the geometry holds."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.calibration.residual_noise import ROWS
-from gcs_health.estimators.residual_model import Residual
+from gcs_health.estimators.lesson import Lesson
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 class SlowConfig:
     """Times and spreads of the slow filter."""
 
-    block: float = 0.1  # s
     memory: float = 1.5  # s, of x
     offset_memory: float = 25.0  # s
     prior: float = 0.2  # [-]
@@ -51,45 +50,26 @@ class SlowEffectiveness:
         self.P: Array = self.config.prior**2 * np.eye(n)
         self.offset = [0.0] * ROWS
         self.time = 0.0  # s since the restart
-        self._clear_block()
 
-    def _clear_block(self) -> None:
-        self._length = 0.0
-        self._ticks: list[tuple[Residual, list[float]]] = []  # of the block, with their variances
-
-    def feed(self, dt: float, left: Residual, variances: list[float], matrix: Array) -> None:
-        """Take one final tick: its residual, variances (4) and the gains G (4, n)."""
-        self._length += dt
-        self._ticks.append((left, variances))
-        if self._length >= self.config.block:
-            self._update(matrix)
-
-    def _means(self, matrix: Array) -> tuple[list[float], list[float], Array]:
-        """Return of the block the mean residual, the variance of a tick's and the mean columns h (4, n)."""
-        share = 1.0 / len(self._ticks)
-        lefts = [left for left, _ in self._ticks]
-        e = [share * sum(row) for row in zip(*[left.e for left in lefts], strict=True)]
-        variance = [share * sum(row) for row in zip(*[row for _, row in self._ticks], strict=True)]
-        last = np.array([left.w1 for left in lefts])
-        h: Array = matrix * (share * np.array([left.mean for left in lefts]).sum(axis=0))
-        h[3] = matrix[3] * (share * (last * last).sum(axis=0))
-        return e, variance, h
-
-    def _update(self, matrix: Array) -> None:
+    def feed(self, lesson: Lesson, matrix: Array) -> None:
+        """Take the final ticks of one block, with the gains G (4, n)."""
         c = self.config
-        length = self._length
+        length = lesson.length
         self.time += length
         keep = math.exp(-length / c.memory)
         x = keep * self.x
         P = keep * keep * self.P
         P[self._diagonal] += (1.0 - keep * keep) * c.prior**2
         gain = min(1.0, length / min(c.offset_memory, max(self.time, 0.5)))
-        e, variance, columns = self._means(matrix)
+        weights = lesson.dt / length
+        e, variance = (weights @ lesson.e).tolist(), (weights @ lesson.variances).tolist()
+        columns = matrix * (weights @ lesson.squares)
+        columns[3] = matrix[3] * (weights @ lesson.last_squares)
         for row in range(ROWS):
             h = -columns[row]
             if not h.any():
                 continue
-            noise = variance[row] / len(self._ticks) * c.correlated
+            noise = variance[row] / len(lesson.dt) * c.correlated
             value = e[row]
             limit = c.clip * math.sqrt(noise)
             innovation = min(max(value - self.offset[row] - float(h.dot(x)), -limit), limit)
@@ -99,7 +79,6 @@ class SlowEffectiveness:
             P -= K[:, None] * Ph
             self.offset[row] += gain * min(max(value - self.offset[row], -limit), limit)
         self.x, self.P = x, 0.5 * (P + P.T)
-        self._clear_block()
 
     def effectiveness(self, rotor: int) -> float:
         """Return k = 1 - loss, within 0 .. 1.5 [-]."""

@@ -6,6 +6,7 @@ that it can lend such a tick the covariance of its age and compute it again when
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from gcs_health.samples import ImuReading, RotorReading
@@ -168,18 +169,21 @@ class RotorTrack:
             del self._rows[: self.KEPT // 2]
         return self._cover(t)
 
-    def at(self, t: float) -> list[float]:
-        """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one."""
+    def at(self, t: float) -> Sequence[float]:
+        """Speeds [rad/s] at time t: interpolated, held beyond the last sample. Every rotor has one.
+
+        Held, they are the sample itself, one and the same object every time.
+        """
         if self._split:
             return [_between(t, *track) for track in zip(self._times, self._speeds, strict=True)]
         times, rows = self._row_times, self._rows
         j = len(times) - 1
         if t >= times[j]:
-            return list(rows[j])
+            return rows[j]
         while j and times[j - 1] > t:
             j -= 1
         if j == 0:
-            return list(rows[0])
+            return rows[0]
         share = (t - times[j - 1]) / (times[j] - times[j - 1])
         return [low + share * (high - low) for low, high in zip(rows[j - 1], rows[j], strict=True)]
 

@@ -22,7 +22,7 @@ def ticks(count: int, lost: int | None = None, seed: int = 1) -> list[Evidence]:
         if lost is not None:
             r = [value - 250_000.0 * float(GAINS[row, lost]) for row, value in enumerate(r)]
         r[2] = 0.0  # no yaw model
-        out.append(Evidence(r, [1.0, 1.0, 1.0, 1.0], w0, w1, GAINS))
+        out.append(Evidence(tuple(r), [0.0] * 4, [1.0] * 4, 1.0, w0, w1, GAINS))
     return out
 
 
@@ -45,8 +45,10 @@ def test_a_lost_rotor_is_named_with_its_loss(rotor: int) -> None:
 
 
 def test_one_contribution_worked_by_hand() -> None:
-    """r = (1, 0, 0, 0) of variance 1, rotor speeds steady at 500 rad/s, no model error."""
-    tick = Evidence([1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0], [500.0] * 4, [500.0] * 4, GAINS)
+    """e - b = (1, 0, 0, 0) of variance .5 x 2, rotor speeds steady at 500 rad/s, no model error."""
+    tick = Evidence(
+        (3.0, 0.0, 0.0, 0.0), [2.0, 0.0, 0.0, 0.0], [0.5] * 4, 2.0, [500.0] * 4, [500.0] * 4, GAINS
+    )
     (row,) = contributions([tick], (0.0, 0.0))
     np.testing.assert_allclose(row[:4], [6.0, -6.0, -6.0, 6.0])  # n = -h' R^-1 r
     np.testing.assert_allclose(row[4:8], [36.0 + 36.0 + 2.4**2] * 4)  # d = h' R^-1 h
