@@ -6,6 +6,7 @@ a function of configuration, bytes and stamps, whatever the chunking.
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe
@@ -32,7 +33,7 @@ class MonitorConfig:
     estimate_rate : at most so many estimates a second and rotor [Hz].
     keys : 32-byte signing keys.
     stamped : the bytes are a .tlog.
-    keep_raw : keep the frames for `take_raw`.
+    raw_tap : called with all frames before they are decoded: a recorder's way in.
     tap : called with (vehicle, reading) of everything that reaches an estimator, before it does.
     """
 
@@ -42,7 +43,7 @@ class MonitorConfig:
     estimate_rate: float = 10.0
     keys: tuple[bytes, ...] = ()
     stamped: bool = False
-    keep_raw: bool = False
+    raw_tap: Callable[[FrameBatch], None] | None = None
     tap: Tap | None = None
 
 
@@ -56,7 +57,6 @@ class Monitor:
         self._sources: dict[str, FrameDecoder] = {}
         self._vehicles: dict[tuple[int, int], VehicleMonitor] = {}
         self._census = Census()
-        self._raw: list[tuple[int, bytes]] = []
 
     def feed(
         self, data: bytes, receive_us: int = 0, source: str = "", stamped: bool | None = None
@@ -79,11 +79,6 @@ class Monitor:
         """End of input: return what the rest causes, and one summary a vehicle."""
         events = [event for decoder in self._sources.values() for event in self._take(decoder.finish())]
         return events + [self._summary(vehicle) for vehicle in self.vehicles()]
-
-    def take_raw(self) -> list[tuple[int, bytes]]:
-        """Return (receive stamp, frame) of all frames since the last call, for a recorder."""
-        raw, self._raw = self._raw, []
-        return raw
 
     def copy(self) -> "Monitor":
         """Return a second monitor that goes on from here by itself; a `tap` would hear of both."""
@@ -118,8 +113,8 @@ class Monitor:
     def _take(self, batch: FrameBatch) -> list[Event]:
         if not len(batch):
             return []
-        if self.config.keep_raw:
-            self._raw += batch.raw()
+        if self.config.raw_tap is not None:
+            self.config.raw_tap(batch)
         self._census.add(batch)
         events: list[Event] = []
         for sample in self._messages.samples(batch):

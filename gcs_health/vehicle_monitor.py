@@ -18,7 +18,13 @@ from gcs_health.fusion.panel import RotorPanel
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Input, Need, Stream, estimator_needs
-from gcs_health.record.describe import alert_event, describe_airframe, estimate_event, verdict_event
+from gcs_health.record.describe import (
+    alert_event,
+    describe_airframe,
+    estimate_event,
+    hardware_uid,
+    verdict_event,
+)
 from gcs_health.record.events import (
     AlertEvent,
     AutopilotEvent,
@@ -91,6 +97,7 @@ class VehicleMonitor:
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.is_vehicle = False
+        self.uid: str | None = None
         self.airframe: Airframe | None = None
         self.first_t = self.last_t = math.nan
         self.last_us = 0
@@ -125,7 +132,7 @@ class VehicleMonitor:
             EscTelemetry: self._on_rotors,
             EscInfo: self._on_esc_info,
             StatusText: self._on_words,
-            Other: self._on_words,
+            Other: self._on_other,
             Outputs: self._on_rotors,
             Parameter: self._on_parameter,
             Battery: self._on_battery,
@@ -211,10 +218,13 @@ class VehicleMonitor:
         elif changed:
             self._say("identity", "the autopilot or vehicle type was heard")
         if sample.armed is not self._armed:
+            news = sample.armed or self._armed is not None
             if sample.armed and self._armed is False and self._panel is not None:
                 self._alerts(self._panel.new_flight(t))
             self._armed = sample.armed
             self._tell_flight(t)
+            if news:
+                self._say("flight", "armed" if sample.armed else "disarmed")
 
     def _on_landed_state(self, t: float, sample: LandedState) -> None:
         self._landed_heard += 1
@@ -255,6 +265,15 @@ class VehicleMonitor:
 
     def _on_vibration(self, t: float, sample: Vibration) -> None:
         self._read(VibrationReading(t, sample.x, sample.y, sample.z))
+
+    def _on_other(self, t: float, sample: Other) -> None:
+        if sample.name != "AUTOPILOT_VERSION":
+            self._on_words(t, sample)
+            return
+        uid = hardware_uid(sample.fields)
+        if uid is not None and uid != self.uid:
+            self.uid = uid
+            self._say("identity", f"the autopilot's hardware is {uid}")
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
         self.imu.set_parameter(sample.name, sample.number)
@@ -418,6 +437,8 @@ class VehicleMonitor:
                 self.autopilot,
                 self.vehicle_type,
                 None if self.airframe is None else describe_airframe(self.airframe),
+                self._armed,
+                self.uid,
             )
         )
 

@@ -66,6 +66,12 @@ def _parser() -> argparse.ArgumentParser:
         "files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input"
     )
     _monitor_options(replay)
+    replay.add_argument(
+        "--history",
+        default="none",
+        metavar="URL",
+        help="keep each flight's results: default, a file, postgresql://... (default none)",
+    )
 
     live = commands.add_parser("live", help="listen to a vehicle; sends nothing unless asked to")
     live.add_argument(
@@ -76,7 +82,11 @@ def _parser() -> argparse.ArgumentParser:
         "serial://DEVICE:BAUD, file://PATH, or as mavutil spells them",
     )
     _monitor_options(live)
-    live.add_argument("--record", metavar="FILE.tlog", help="record what is received")
+    live.add_argument(
+        "--record",
+        metavar="WHERE",
+        help="record what is received, a file a flight: FILE.tlog, FILE-2.tlog ..., or into a folder",
+    )
     live.add_argument(
         "--request-rates",
         action="store_true",
@@ -87,6 +97,13 @@ def _parser() -> argparse.ArgumentParser:
         choices=("direct", "mavsdk"),
         default="direct",
         help="mavsdk: through MAVSDK, which sends heartbeats of its own; direct (default) only listens",
+    )
+    live.add_argument(
+        "--history",
+        default="default",
+        metavar="URL",
+        help="where each flight's results are kept: none, a file, postgresql://...; default: a file in the "
+        "user's data folder",
     )
     live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
 
@@ -154,6 +171,36 @@ def _parser() -> argparse.ArgumentParser:
     detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
     detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
+    history = commands.add_parser(
+        "history", help="what the flights so far said of each rotor, and where it leads"
+    )
+    history.add_argument(
+        "words", nargs="*", metavar="[mark] VEHICLE", help="mark: note a repair of it, a new baseline begins"
+    )
+    history.add_argument(
+        "--history", metavar="URL", help="the store, if not the one in the user's data folder"
+    )
+    history.add_argument("--format", choices=("text", "csv", "json"), default="text")
+    history.add_argument(
+        "--rotor", type=_count, metavar="N", help="the motor as the autopilot counts, from 1"
+    )
+    history.add_argument(
+        "--propeller-changed", dest="what", action="store_const", const="propeller changed", help="with mark"
+    )
+    history.add_argument(
+        "--repair", dest="what", metavar="TEXT", help="with mark: any other repair, in words"
+    )
+    history.add_argument(
+        "--at", metavar="WHEN", help="with mark: 2026-05-04 or 2026-05-04T10:15, UTC; default now"
+    )
+    history.add_argument(
+        "--limit",
+        action="append",
+        default=[],
+        metavar="QUANTITY=VALUE",
+        help="at which maintenance is due, SI; default: unbalance twice, drag 1.5 times its first value",
+    )
+
     demo = commands.add_parser("demo", help="a simulated vehicle loses a propeller before your eyes")
     demo.add_argument(
         "scenario", nargs="?", default="demo", metavar="SCENARIO", help="another flight to show"
@@ -196,6 +243,17 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         default=10.0,
         metavar="HZ",
         help="at most so many estimates a second and rotor, up to 10 (default)",
+    )
+    parser.add_argument(
+        "--sink",
+        action="append",
+        default=[],
+        metavar="SPEC",
+        help="send alerts on, as often as wanted: bell, jsonl:FILE, command:ARGV, syslog[:ADDRESS], mqtt://HOST, "
+        "prometheus:PORT, apprise:URL, mavlink:ENDPOINT (transmits)",
+    )
+    parser.add_argument(
+        "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
     parser.add_argument(

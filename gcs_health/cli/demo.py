@@ -8,6 +8,7 @@ import sys
 from gcs_health.cli import DONE, INTERRUPTED
 from gcs_health.cli.live import Session
 from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.cli.receivers import evidence_of, sinks_of
 from gcs_health.errors import GcsHealthError
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.spellings import parse_endpoint
@@ -26,13 +27,16 @@ def run(options: argparse.Namespace) -> int:
     length = (scenario.trajectory.duration - SKIP) / options.speed
     print(f"{scenario.about} It flies {length:.0f} s, over UDP on this computer; Ctrl-C ends it.", flush=True)
     code = DONE
-    monitor = make_monitor(options, stamped=False)
-    with Output(options.jsonl) as output:
+    with (
+        evidence_of(options, "demo") as (receivers, raw_tap),
+        Output(options.jsonl, [*receivers, *sinks_of(options)]) as output,
+    ):
+        monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
         links, port = _listen()
         with links:
             vehicle = _start(options, port)
             told = Told(output)
-            session = Session(monitor, told, links, None, request=False)  # type: ignore[arg-type]
+            session = Session(monitor, told, links, request=False)  # type: ignore[arg-type]
             try:
                 session.listen(None, Landed(vehicle))
             except KeyboardInterrupt:
@@ -74,6 +78,10 @@ class Told:
             event for event in events if isinstance(event, AlertEvent) and event.state == "raised"
         ]
         self._output.write(events, at_once=at_once)
+
+    def poll(self, now_us: int) -> None:
+        """See `Output.poll`."""
+        self._output.poll(now_us)
 
     def verdict(self, fault: Fault) -> str:
         """Say in a sentence whether a fault was found, and how fast."""

@@ -9,13 +9,13 @@ from types import FrameType
 from gcs_health.airframe import AirframeSource
 from gcs_health.cli import ALERT, DONE, INTERRUPTED
 from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.cli.receivers import live_receivers
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.mavsdk_link import MavsdkLinks
 from gcs_health.mavlink.requests import RateRequests
 from gcs_health.mavlink.spellings import Endpoint, parse_endpoint
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor
-from gcs_health.record.recorder import Recorder
 
 LISTEN_FIRST_US = 2_000_000  # to a vehicle before it is asked for more
 SILENT_US = 5_000_000  # until we say that nothing was heard
@@ -25,10 +25,15 @@ def run(options: argparse.Namespace) -> int:
     """Listen until interrupted or for `--duration`; then print the summary."""
     endpoints = [parse_endpoint(text) for text in options.endpoints]
     files = [endpoint for endpoint in endpoints if endpoint.kind == "file"]
-    monitor = make_monitor(options, stamped=False, keep_raw=bool(options.record))
-    with Output(options.jsonl) as output, _open(options, [e for e in endpoints if e not in files]) as links:
-        recorder = Recorder(options.record) if options.record else None
-        session = Session(monitor, output, links, recorder, options.request_rates)
+    make_monitor(options, stamped=False)  # what is wrong with the options is told before a file is made
+    with (
+        Output(options.jsonl) as output,
+        _open(options, [e for e in endpoints if e not in files]) as links,
+        live_receivers(options) as (receivers, raw_tap),
+        output.joined_by(receivers),
+    ):
+        monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
+        session = Session(monitor, output, links, options.request_rates)
         signal.signal(signal.SIGTERM, _interrupt)
         code = DONE
         try:
@@ -62,19 +67,16 @@ class Session:
         monitor: Monitor,
         output: Output,
         links: Links | MavsdkLinks,
-        recorder: Recorder | None,
         request: bool,
     ) -> None:
         self._monitor = monitor
         self._output = output
         self._links = links
-        self._recorder = recorder
         self._requests = RateRequests() if request else None
         self._asked: set[str] = set()
         self._met: dict[str, int] = {}  # when each vehicle was first seen
         self._heard = False
         self._warned = False
-        self._record_warned = False
 
     def read_files(self, files: list[Endpoint]) -> None:
         """Feed endpoints that are files, as `replay` does."""
@@ -94,8 +96,8 @@ class Session:
                 events = self._monitor.feed(packet.data, packet.receive_us, packet.source)
             else:
                 events = self._monitor.poll(packet.receive_us)
-            self._record(packet.receive_us)
             self._output.write(events, at_once=True)
+            self._output.poll(packet.receive_us)
             self._tell(packet.receive_us - started)
             self._ask(packet.receive_us)
             if duration is not None and packet.receive_us - started >= duration * 1e6:
@@ -104,22 +106,8 @@ class Session:
                 return
 
     def close(self) -> None:
-        """End of the session: the rest, the summaries, the recording on disk."""
+        """End of the session: the rest, and the summaries."""
         self._output.write(self._monitor.finish(), at_once=True)
-        if self._recorder is not None:
-            self._recorder.write(self._monitor.take_raw(), 0)
-            self._recorder.close()
-            self._tell_recording()
-
-    def _record(self, now_us: int) -> None:
-        if self._recorder is not None:
-            self._recorder.write(self._monitor.take_raw(), now_us)
-            self._tell_recording()
-
-    def _tell_recording(self) -> None:
-        if self._recorder is not None and self._recorder.failed and not self._record_warned:
-            self._record_warned = True
-            print(f"gcs-health: {self._recorder.failed}", file=sys.stderr, flush=True)
 
     def _tell(self, since_start_us: int) -> None:
         for notice in self._links.notices:
@@ -148,7 +136,9 @@ class Session:
             system, component = map(int, vehicle.vehicle.split("."))
             heard = self._monitor.rates(system, component, now_us)
             known = vehicle.airframe is not None and vehicle.airframe.source is not AirframeSource.ASSUMED
-            frames, said = self._requests.to(system, component, vehicle.autopilot, heard, known)
+            frames, said = self._requests.to(
+                system, component, vehicle.autopilot, heard, known, vehicle.uid is not None
+            )
             for frame in frames:
                 self._links.send(frame)
             if frames:

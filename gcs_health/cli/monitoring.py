@@ -2,22 +2,27 @@
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TextIO
+from typing import Protocol, Self
 
 from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.errors import ConfigError
+from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record.append_file import AppendFile
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
 
 KEY_LENGTH = 32
 
 
-def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool = False) -> Monitor:
-    """Return a monitor as the options ask.
+def make_monitor(
+    options: argparse.Namespace, *, stamped: bool, raw_tap: Callable[[FrameBatch], None] | None = None
+) -> Monitor:
+    """Return a monitor as the options ask; `raw_tap` hears of all frames.
 
     Raises
     ------
@@ -31,7 +36,7 @@ def make_monitor(options: argparse.Namespace, *, stamped: bool, keep_raw: bool =
             estimate_rate=options.estimate_rate,
             keys=(_key(options.signing_key),) if options.signing_key else (),
             stamped=stamped,
-            keep_raw=keep_raw,
+            raw_tap=raw_tap,
         )
     )
 
@@ -54,31 +59,47 @@ def _key(path: str) -> bytes:
     return key
 
 
+class Receiver(Protocol):
+    """Whoever else takes the events: a recorder, a store, a sink. `notices` are told and emptied."""
+
+    @property
+    def notices(self) -> list[str]:
+        """What is to be told."""
+        ...
+
+    def take(self, events: Sequence[Event]) -> None:
+        """Take events; never raises for want of a disk, a server or a network."""
+        ...
+
+    def poll(self, now_us: int) -> None:
+        """Do what time alone causes, at UNIX µs."""
+        ...
+
+    def close(self) -> None:
+        """End of the session."""
+        ...
+
+
 class Output:
-    """Writes events: JSON lines where asked, text for people. A context manager.
+    """Writes events: JSON lines where asked, text for people, and to its receivers. A context manager.
 
     Attributes
     ----------
     raised : whether any alert was raised.
     vehicles : summaries seen.
+    receivers : closed with the output, in their order.
 
     Text goes to standard output, or to standard error where the JSON lines have standard output.
     """
 
-    def __init__(self, jsonl: str | None) -> None:
+    def __init__(self, jsonl: str | None, receivers: Iterable[Receiver] = ()) -> None:
+        self.receivers = list(receivers)
         self.raised = False
         self.vehicles = 0
         self._first = True
-        self._own: TextIO | None = None
-        self._lines: TextIO | None = None
-        self.text = sys.stderr if jsonl == "-" else sys.stdout
-        if jsonl == "-":
-            self._lines = sys.stdout
-        elif jsonl:
-            try:
-                self._lines = self._own = Path(jsonl).open("w", encoding="utf-8")  # noqa: SIM115 (for the session)
-            except OSError as error:
-                raise ConfigError(f"{jsonl}: cannot write the JSON lines: {error.strerror}") from None
+        self._piped = jsonl == "-"
+        self._file = AppendFile(Path(jsonl), overwrite=True) if jsonl and not self._piped else None
+        self.text = sys.stderr if self._piped else sys.stdout
 
     def __enter__(self) -> Self:
         return self
@@ -86,15 +107,40 @@ class Output:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._own is not None:
-            self._own.close()
+        if self._file is not None:
+            self._file.close()
+            _tell(self._file.notices)
+        _close(self.receivers)
 
-    def write(self, events: Iterable[Event], *, at_once: bool) -> None:
+    @property
+    def lost(self) -> bool:
+        """Whether JSON lines were left out for want of a disk."""
+        return self._file is not None and bool(self._file.waiting or self._file.lost)
+
+    @contextmanager
+    def joined_by(self, receivers: Sequence[Receiver]) -> Iterator[None]:
+        """Take in receivers for a while, then close them."""
+        before = self.receivers
+        self.receivers = [*receivers, *before]
+        try:
+            yield
+        finally:
+            self.receivers = before
+            _close(receivers)
+
+    def poll(self, now_us: int) -> None:
+        """Let receivers do what time alone causes, at UNIX µs."""
+        for receiver in self.receivers:
+            receiver.poll(now_us)
+            _tell(receiver.notices)
+
+    def write(self, events: Sequence[Event], *, at_once: bool) -> None:
         """Write events; `at_once` prints alerts and notices as they come (else the summary has them)."""
+        if events:
+            self._write_lines(events)
+            for receiver in self.receivers:
+                receiver.take(events)
         for event in events:
-            if self._lines is not None:
-                self._lines.write(to_json(event, self._first) + "\n")
-                self._first = False
             if isinstance(event, AlertEvent):
                 self.raised |= event.state == "raised"
                 if at_once:
@@ -104,5 +150,26 @@ class Output:
             elif isinstance(event, SummaryEvent):
                 self.vehicles += 1
                 print(summary_text(event), file=self.text, flush=True)
-        if at_once and self._lines is not None:
-            self._lines.flush()
+
+    def _write_lines(self, events: Sequence[Event]) -> None:
+        if self._file is None and not self._piped:
+            return
+        text = "".join(to_json(event, self._first and k == 0) + "\n" for k, event in enumerate(events))
+        self._first = False
+        if self._file is not None:
+            self._file.append(text.encode(), events[-1].t_unix_us)
+            _tell(self._file.notices)
+        else:
+            print(text, end="", flush=True)
+
+
+def _close(receivers: Iterable[Receiver]) -> None:
+    for receiver in receivers:
+        receiver.close()
+        _tell(receiver.notices)
+
+
+def _tell(notices: list[str]) -> None:
+    for notice in notices:
+        print(f"gcs-health: {notice}", file=sys.stderr, flush=True)
+    notices.clear()

@@ -6,38 +6,47 @@ from collections.abc import Iterator
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import Output, make_monitor
+from gcs_health.cli.receivers import evidence_of, history_of, options_for, sinks_of
 from gcs_health.errors import GcsHealthError, LogError
 from gcs_health.mavlink.tlog import Log, open_log
+from gcs_health.pipeline import Monitor
 
 
 def run(options: argparse.Namespace) -> int:
     """Replay every file; an unreadable one is told and the rest still done."""
     code = DONE
     make_monitor(options, stamped=True)  # what is wrong with the options is wrong for every file
-    with Output(options.jsonl) as output:
+    receivers = [*history_of(options), *sinks_of(options, patient=True)]
+    with Output(options.jsonl, receivers) as output:
         for name in options.files:
             try:
-                _replay(name, options, output)
+                with options_for(options, name) as chosen:
+                    _replay(name, chosen, output)
             except GcsHealthError as error:
                 print(f"gcs-health: {error}", file=sys.stderr)
                 code = BAD_INPUT
-        if code == DONE and options.fail_on_alert and output.raised:
-            return ALERT
-    return code
+    if output.lost:
+        return BAD_INPUT
+    return ALERT if code == DONE and options.fail_on_alert and output.raised else code
 
 
 def _replay(name: str, options: argparse.Namespace, output: Output) -> None:
-    with open_log(name) as log:
-        monitor = make_monitor(options, stamped=log.stamped)
-        seen = output.vehicles
-        if len(options.files) > 1:
-            print(f"== {log.name}", file=output.text)
-        for block in _with_progress(log):
-            output.write(monitor.feed(block), at_once=False)
-        output.write(monitor.finish(), at_once=False)
-        if output.vehicles == seen:
-            systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
-            raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
+    with open_log(name) as log, evidence_of(options, name) as (receivers, raw_tap):
+        monitor = make_monitor(options, stamped=log.stamped, raw_tap=raw_tap)
+        with output.joined_by(receivers):
+            _feed(monitor, log, options, output)
+
+
+def _feed(monitor: Monitor, log: Log, options: argparse.Namespace, output: Output) -> None:
+    seen = output.vehicles
+    if len(options.files) > 1:
+        print(f"== {log.name}", file=output.text)
+    for block in _with_progress(log):
+        output.write(monitor.feed(block), at_once=False)
+    output.write(monitor.finish(), at_once=False)
+    if output.vehicles == seen:
+        systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
+        raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
 
 
 def _with_progress(log: Log) -> Iterator[bytes]:

@@ -1,7 +1,8 @@
 """One MAVLink dialect as a value: ids, CRC_EXTRA and wire layout of every message we can check.
 
 The stock part is pymavlink's `all` (some 350 messages: the more ids are known, the fewer frames pass
-unchecked); ESC_STATUS, ESC_INFO and EVENT come from `dialects/esc.xml`.
+unchecked); ESC_STATUS, ESC_INFO and EVENT come from `dialects/esc.xml`, what we send ourselves from
+`dialects/gcs_health.xml`.
 """
 
 import struct
@@ -157,7 +158,7 @@ class Dialect:
 
 @cache
 def default_dialect() -> Dialect:
-    """Return pymavlink's `all` with ESC_INFO, ESC_STATUS and EVENT added.
+    """Return pymavlink's `all` with ESC_INFO, ESC_STATUS, EVENT and our own messages added.
 
     Raises
     ------
@@ -165,10 +166,10 @@ def default_dialect() -> Dialect:
     """
     from pymavlink.dialects.v20 import all as stock
 
-    from gcs_health.mavlink.generated import esc
+    from gcs_health.mavlink.generated import esc, gcs_health
 
     messages = {}
-    for source in (stock, esc):
+    for source in (stock, esc, gcs_health):
         for id, cls in source.mavlink_map.items():
             messages[id] = _message(id, cls)
     for id, extra in _ESC_CRC_EXTRA.items():

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-SET_MESSAGE_INTERVAL = 511
+SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
+AUTOPILOT_VERSION = 148
 ENOUGH = 0.8  # of the rate wanted: what comes as often as that is left as it is
 PX4, ARDUPILOT = 12, 3
 OUR_SYSTEM, OUR_COMPONENT = 255, 190  # a ground station
@@ -42,11 +43,12 @@ class RateRequests:
         autopilot: int | None,
         heard: dict[int, float],
         geometry_known: bool,
+        hardware_known: bool = True,
     ) -> tuple[list[bytes], str]:
         """Return the frames to send and what they ask for in words; nothing for an unknown autopilot.
 
         `heard` are the rates [Hz] at which messages come already: nothing is ever asked to come slower.
-        Without a known geometry all parameters are asked for.
+        Without a known geometry all parameters are asked for; without a known hardware its AUTOPILOT_VERSION.
         """
         frames, said = [], []
         for message, name, rate in WANTED.get(autopilot or 0, ()):
@@ -63,4 +65,11 @@ class RateRequests:
             frames.append(bytes(request.pack(self._link)))
             self._link.seq = (self._link.seq + 1) % 256
             said.append("its parameters")
+        if not hardware_known:
+            request = self._dialect.MAVLink_command_long_message(
+                system, component, REQUEST_MESSAGE, 0, AUTOPILOT_VERSION, 0, 0, 0, 0, 0, 0
+            )
+            frames.append(bytes(request.pack(self._link)))
+            self._link.seq = (self._link.seq + 1) % 256
+            said.append("its hardware's name")
         return frames, ", ".join(said)

@@ -1,6 +1,8 @@
 """Log files as blocks of bytes: .tlog with stamps, or a raw stream without, told by their content."""
 
 import sys
+import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -9,6 +11,7 @@ from typing import BinaryIO, Self
 from gcs_health.errors import LogError
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.framing import hunt
+from gcs_health.mavlink.tlog_sets import is_zip, open_folder, open_zip
 
 BLOCK = 1 << 19  # bytes; memory is bounded by it, whatever the log's length (benchmarks/decode.py)
 # A log of ours holds a checked frame within its first MiB however damaged; what does not is no log
@@ -29,7 +32,7 @@ class Log:
         self.name = name
         self.size = size
         self._file = file
-        self._start = _fill(file, SEARCHED)
+        self._start = self._fill(SEARCHED)
         if not self._start:
             raise LogError(f"{name}: the file is empty; expected a MAVLink log (.tlog)")
         self.stamped = self._detect()
@@ -39,7 +42,7 @@ class Log:
         for at in range(0, len(self._start), size):
             yield self._start[at : at + size]
         self._start = b""
-        while block := self._file.read(size):
+        while block := self._read(size):
             yield block
 
     def __enter__(self) -> Self:
@@ -49,6 +52,20 @@ class Log:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+    def _read(self, size: int) -> bytes:
+        try:
+            return self._file.read(size)
+        except (OSError, zipfile.BadZipFile, zlib.error) as error:
+            raise LogError(f"{self.name}: cannot read on: {error}") from None
+
+    def _fill(self, size: int) -> bytes:
+        """Read up to `size` bytes; a pipe gives fewer at a time."""
+        parts, missing = [], size
+        while missing and (part := self._read(missing)):
+            parts.append(part)
+            missing -= len(part)
+        return b"".join(parts)
 
     def _detect(self) -> bool:
         """Tell stamps from none by which reading finds its first frame sooner.
@@ -67,7 +84,7 @@ class Log:
 
 
 def open_log(name: str) -> Log:
-    """Open a log by name; "-" is standard input.
+    """Open a log by name: a file, a .zip with one in it, a folder of them; "-" is standard input.
 
     Raises
     ------
@@ -75,24 +92,20 @@ def open_log(name: str) -> Log:
     """
     if name == "-":
         return Log("standard input", sys.stdin.buffer, None)
-    path = Path(name)
-    if path.is_dir():
-        raise LogError(f"{name}: this is a directory; expected a MAVLink log (.tlog)")
+    file, size = _open(Path(name))
     try:
-        file = path.open("rb")
-    except OSError as error:
-        raise LogError(f"{name}: cannot read it: {error.strerror}") from None
-    try:
-        return Log(name, file, path.stat().st_size)
+        return Log(name, file, size)
     except LogError:
         file.close()
         raise
 
 
-def _fill(file: BinaryIO, size: int) -> bytes:
-    """Read up to `size` bytes; a pipe gives fewer at a time."""
-    parts, missing = [], size
-    while missing and (part := file.read(missing)):
-        parts.append(part)
-        missing -= len(part)
-    return b"".join(parts)
+def _open(path: Path) -> tuple[BinaryIO, int]:
+    if path.is_dir():
+        return open_folder(path)
+    if is_zip(path):
+        return open_zip(path)
+    try:
+        return path.open("rb"), path.stat().st_size
+    except OSError as error:
+        raise LogError(f"{path}: cannot read it: {error.strerror}") from None

@@ -1,5 +1,6 @@
 """Airframes, estimates, verdicts and alerts as the event schema has them."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from gcs_health.airframe import Airframe
@@ -96,3 +97,11 @@ def describe_state(estimate: Estimate) -> dict[str, Any]:
         "why": "; ".join(REASON_TEXT[reason] for reason in estimate.reasons),
         "detectable": estimate.detectable,
     }
+
+
+def hardware_uid(fields: Mapping[str, Any]) -> str | None:
+    """Return what AUTOPILOT_VERSION tells a vehicle's hardware by, hexadecimal: uid2, else uid; None if zero."""
+    long = bytes(fields["uid2"])
+    if any(long):
+        return long.hex()
+    return f"{fields['uid']:016x}" if fields["uid"] else None

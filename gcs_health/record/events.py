@@ -21,10 +21,12 @@ class VehicleEvent(NamedTuple):
     Attributes
     ----------
     t, t_unix_us, vehicle : the common head.
-    change : what changed: "seen", "airframe", "telemetry", "clock", "link", "notice".
+    change : what changed: "seen", "identity", "airframe", "flight" (armed or disarmed), "clock", "notice".
     text : the change in one sentence.
     autopilot, vehicle_type : MAV_AUTOPILOT and MAV_TYPE; None if unheard.
     airframe : name, source, metric, rotors and warnings; None while unknown.
+    armed : as the last HEARTBEAT said; None if unheard.
+    uid : of the autopilot's hardware, hexadecimal, from AUTOPILOT_VERSION; None if unheard.
     """
 
     t: float
@@ -35,6 +37,8 @@ class VehicleEvent(NamedTuple):
     autopilot: int | None = None
     vehicle_type: int | None = None
     airframe: dict[str, Value] | None = None
+    armed: bool | None = None
+    uid: str | None = None
 
 
 class EstimateEvent(NamedTuple):
@@ -141,6 +145,7 @@ _TYPE = {
     AlertEvent: "alert",
     SummaryEvent: "summary",
 }
+EVENT_TYPES = frozenset(_TYPE)
 # made once: json.dumps makes a new encoder for every call that departs from its defaults
 _encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 
@@ -151,13 +156,18 @@ def to_json(event: Event, first: bool = False) -> str:
     NaN and infinities become null: JSON has neither. Floats are written by repr, so that equal values
     give equal bytes.
     """
+    line = as_object(event)
+    return _encode({"schema": SCHEMA, **line} if first else line)
+
+
+def as_object(event: Event) -> dict[str, object]:
+    """Return an event as its JSON line has it."""
     kind = type(event)
-    line: dict[str, object] = {"schema": SCHEMA} if first else {}
-    line["type"] = _TYPE[kind]
+    line: dict[str, object] = {"type": _TYPE[kind]}
     for name, value in zip(kind._fields, event, strict=True):
         kept = type(value) is str or type(value) is int or (type(value) is float and value - value == 0.0)
         line[name] = value if kept else plain(value)
-    return _encode(line)
+    return line
 
 
 def lines(events: Iterable[Event]) -> Iterator[str]:

@@ -22,7 +22,7 @@ from gcs_health.errors import EndpointError
 from gcs_health.mavlink.dialect import Message, default_dialect
 from gcs_health.mavlink.encoder import Encoder
 from gcs_health.mavlink.frames import FrameDecoder
-from gcs_health.mavlink.generated import esc
+from gcs_health.mavlink.generated import esc, gcs_health
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.mavlink.spellings import parse_endpoint
 from gcs_health.mavlink.tlog import open_log
@@ -90,7 +90,7 @@ def as_mavsdk_says(message: Message, fields: dict[str, Any], nan: str | None) ->
 
 
 def by_pymavlink(message: Message, fields: dict[str, Any]) -> bytes:
-    source = esc if message.id in esc.mavlink_map else stock
+    source = next(each for each in (esc, gcs_health, stock) if message.id in each.mavlink_map)
     cls = source.mavlink_map[message.id]
     packed = cls(*(fields[name] for name in cls.fieldnames))
     return bytes(packed.pack(source.MAVLink(None, srcSystem=1, srcComponent=1)))
@@ -248,11 +248,11 @@ def connected(*vehicles: int, frames: list[tuple[float, bytes]] | None = None) -
 
 def recorded(speed: float) -> list[tuple[float, bytes]]:
     """Return (seconds from the start, frame) of the recorded flight."""
-    monitor = Monitor(MonitorConfig(stamped=True, keep_raw=True))
+    raw: list[tuple[int, bytes]] = []
+    monitor = Monitor(MonitorConfig(stamped=True, raw_tap=lambda batch: raw.extend(batch.raw())))
     with open_log(str(FLIGHT)) as log:
         for block in log.blocks():
             monitor.feed(block, 0)
-    raw = monitor.take_raw()
     return [((stamp - raw[0][0]) / 1e6 / speed, frame) for stamp, frame in raw]
 
 

@@ -82,13 +82,13 @@ def test_a_stream_of_datagrams_gives_the_same_alerts_as_its_log() -> None:
     from gcs_health.mavlink.dialect import default_dialect
     from gcs_health.mavlink.frames import FrameDecoder
 
-    live = Monitor(MonitorConfig(keep_raw=True))
+    raw: list[tuple[int, bytes]] = []
+    live = Monitor(MonitorConfig(raw_tap=lambda batch: raw.extend(batch.raw())))
     events: list[Event] = []
-    recorded = b""
     for stamp, frame in FrameDecoder(default_dialect(), stamped=True).feed(FLIGHT).raw():
         events += live.feed(frame, stamp, "udp 10.0.0.2:14550")
-        recorded += b"".join(struct.pack(">Q", at) + raw for at, raw in live.take_raw())
     events += live.finish()
+    recorded = b"".join(struct.pack(">Q", at) + frame for at, frame in raw)
     assert recorded == FLIGHT
     alerts = [e for e in events if isinstance(e, AlertEvent)]
     assert alerts == [e for e in replay(recorded) if isinstance(e, AlertEvent)]

@@ -1,0 +1,94 @@
+"""A vehicle's history as text for people."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from gcs_health.record.trends import Mean, Trend
+from gcs_health.record.vehicle_history import Line, Mended, VehicleHistory
+
+FLIGHTS_SHOWN = 12
+UNIT = {"unbalance": (1e6, "g mm"), "effectiveness": (1.0, ""), "drag": (1.0, ""), "degradation": (1.0, "")}
+WEEK = 7.0
+
+
+def days_text(at_us: int) -> str:
+    """Render a UNIX time [µs] to the minute."""
+    return f"{datetime.fromtimestamp(at_us * 1e-6, UTC):%Y-%m-%d %H:%M} UTC" if at_us else "without a date"
+
+
+def vehicle_text(told: VehicleHistory, *, brief: bool) -> str:
+    """One vehicle; `brief` leaves out its single flights."""
+    vehicle = told.vehicle
+    name = f" ({vehicle['name']})" if vehicle["name"] else ""
+    lines = [f"vehicle {vehicle['vehicle']}{name}: {_count(len(told.flights), 'flight')}"]
+    alerts = Counter(alert["flight"] for alert in told.alerts)
+    shown = told.flights[-1:] if brief else told.flights[-FLIGHTS_SHOWN:]
+    if len(shown) < len(told.flights) and not brief:
+        lines.append(f"  {len(told.flights) - len(shown)} earlier flights; --format csv has all")
+    for flight in shown:
+        minutes, seconds = divmod(round(flight["duration"]), 60)
+        said = _count(alerts[flight["flight"]], "alert") if alerts[flight["flight"]] else "no alert"
+        lines.append(f"  {days_text(flight['started_us']):<22}{minutes:>4}:{seconds:02d}  {said}")
+    for line in told.lines:
+        lines += _line(line, brief)
+    lines += [_mended(each) for each in told.mended]
+    return "\n".join(lines) + "\n"
+
+
+def _line(line: Line, brief: bool) -> Iterator[str]:
+    if not line.points or (brief and not (line.trend and line.trend.grows)):
+        return
+    factor, unit = UNIT.get(line.quantity, (1.0, "SI"))
+    last = line.points[-1]
+    yield (
+        f"  motor {line.motor}  {line.quantity} {_number(last.value * factor)}"
+        f"{f' ± {_number(last.std * factor)}' if math.isfinite(last.std) else ''} {unit}".rstrip()
+        + f", {_count(len(line.points), 'flight')} since the baseline began ({line.estimator})"
+    )
+    if line.trend is not None:
+        yield "           " + _trend(line.trend, factor, unit)
+
+
+def _trend(trend: Trend, factor: float, unit: str) -> str:
+    slope, low, high = (_number(s * factor * WEEK) for s in (trend.slope, trend.low, trend.high))
+    rate = f"{slope} ({low} to {high}) {unit}".rstrip() + " a week"
+    if not trend.grows:
+        return f"no growth that the flights bear out: {rate}"
+    limit = f"{_number(trend.limit * factor)} {unit}".rstrip()
+    if trend.due_us is None:
+        return f"maintenance: grows by {rate}"
+    latest = f"to {_day(trend.latest_us)}" if trend.latest_us is not None else "or later"
+    when = f"about {_day(trend.due_us)} ({_day(trend.earliest_us)} {latest})"
+    return f"maintenance: grows by {rate}; at {limit} {when}"
+
+
+def _mended(each: Mended) -> str:
+    factor, unit = UNIT.get(each.quantity, (1.0, "SI"))
+    before, after = (_mean(side, factor, unit) for side in (each.repair.before, each.repair.after))
+    return (
+        f"  {days_text(each.mark.at_us)}  motor {each.mark.motor}: {each.mark.what}: {each.quantity} "
+        f"{before} before, {after} after: {each.repair.verdict} ({each.estimator})"
+    )
+
+
+def _mean(mean: Mean, factor: float, unit: str) -> str:
+    if not mean.flights:
+        return "not flown"
+    said = f"{_number(mean.mean * factor)} {unit}".rstrip()
+    if math.isfinite(mean.low):
+        said += f" ({_number(mean.low * factor)} to {_number(mean.high * factor)})"
+    return said
+
+
+def _day(at_us: int | None) -> str:
+    return f"{datetime.fromtimestamp(at_us * 1e-6, UTC):%Y-%m-%d}" if at_us is not None else "never"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"

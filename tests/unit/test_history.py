@@ -1,0 +1,461 @@
+"""The history store on SQLite and on a real PostgreSQL: what is kept, once, across flights and versions."""
+
+import json
+import math
+import random
+import sqlite3
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import postgresql
+import pytest
+from recorded import FLIGHT, feed, two_flights
+
+from gcs_health.cli import main
+from gcs_health.errors import ConfigError
+from gcs_health.mavlink.dialect import default_dialect
+from gcs_health.mavlink.encoder import Encoder
+from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.record import history_schema
+from gcs_health.record.events import AlertEvent, EstimateEvent, VehicleEvent
+from gcs_health.record.flight_results import FlightCollector, FlightRecord, RotorResult
+from gcs_health.record.history import History, MarkRow
+from gcs_health.record.history_keeper import HistoryKeeper, StoreError
+from gcs_health.record.trends import DAY_US, Point, repair, trend
+
+BEGAN = 1_780_000_000_000_000  # 2026-05-28
+
+
+def result(motor: int, value: float, quantity: str = "unbalance") -> RotorResult:
+    return RotorResult(
+        motor, motor - 1, "unbalance", quantity, value, 1e-7, 2e-7, 900, 800, "valid", value, 9.0, 0.1
+    )
+
+
+def record(day: float, *results: RotorResult, alerts: tuple[AlertEvent, ...] = ()) -> FlightRecord:
+    return FlightRecord(
+        "1.1", "00ab", "Quad", 12, 2, BEGAN + int(day * DAY_US), 6.1, 600.0, tuple(results), alerts
+    )
+
+
+def alert(state: str = "raised") -> AlertEvent:
+    return AlertEvent(9.0, BEGAN, "1.1", "1.1-1", "ROTOR_FAILED", 2, 3, state, 1, math.nan, "motor 3", {})
+
+
+@pytest.fixture(scope="module")
+def postgres() -> Iterator[str]:
+    with postgresql.server() as url:
+        yield url
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[History]:
+    if request.param == "sqlite":
+        history = History(str(tmp_path / "h.sqlite"))
+    else:
+        history = History(request.getfixturevalue("postgres"))
+    yield history
+    with history._transaction() as connection:
+        for table in reversed(history_schema.METADATA.sorted_tables):
+            if table.name != "schema_version":
+                connection.exec_driver_sql(
+                    f"DELETE FROM {table.name}" if table.name != "vehicle" else "SELECT 1"
+                )
+        connection.exec_driver_sql("DELETE FROM vehicle")
+    history.close()
+
+
+def test_a_flight_comes_back_as_it_was_stored(store: History) -> None:
+    unknown = result(2, math.nan)
+    store.store(record(0, result(1, 2e-6), unknown, alerts=(alert(),)))
+    (vehicle,) = store.vehicles()
+    assert vehicle == {
+        "vehicle": "00ab", "sender": "1.1", "name": "Quad", "autopilot": 12, "vehicle_type": 2
+    }  # fmt: skip
+    (flight,) = store.flights("00ab")
+    assert (flight["flight"], flight["started_us"], flight["duration"]) == (f"us:{BEGAN}", BEGAN, 600.0)
+    one, two = store.results("00ab")
+    assert (one.motor, one.quantity, one.value, one.std, one.valid) == (1, "unbalance", 2e-6, 1e-7, 800)
+    assert math.isnan(two.value)
+    (kept,) = store.alerts("00ab")
+    assert (kept["code"], kept["motor"], kept["state"], kept["probability"]) == (
+        "ROTOR_FAILED",
+        3,
+        "raised",
+        None,
+    )
+
+
+def test_a_flight_stored_twice_is_one_and_the_later_counts(store: History) -> None:
+    store.store(record(0, result(1, 2e-6), alerts=(alert(),)))
+    store.store(record(1, result(1, 3e-6)))
+    store.store(record(0, result(1, 2.5e-6), result(2, 1e-6), alerts=(alert("cleared"),)))
+    assert [flight["started_us"] for flight in store.flights("00ab")] == [BEGAN, BEGAN + DAY_US]
+    assert [(row.motor, row.value) for row in store.results("00ab")] == [(1, 2.5e-6), (2, 1e-6), (1, 3e-6)]
+    assert [row["state"] for row in store.alerts("00ab")] == ["cleared"]
+
+
+def test_vehicles_are_found_by_what_people_call_them(store: History) -> None:
+    store.store(record(0, result(1, 2e-6)))
+    store.store(record(0, result(1, 2e-6))._replace(uid=None, vehicle="7.1", name="Hexa One"))
+    for text in ("00ab", "00AB", "1.1", "quad", "qu"):
+        assert store.find(text)["vehicle"] == "00ab"
+    assert store.find("7.1")["vehicle"] == "7.1 Hexa One"
+    with pytest.raises(ConfigError, match=r"no vehicle is called so in .*: 7\.1 Hexa One; 00ab"):
+        store.find("octo")
+    with pytest.raises(ConfigError, match="several vehicles are called so"):
+        store.find("")
+
+
+def test_marks_are_kept(store: History) -> None:
+    store.store(record(0, result(1, 2e-6)))
+    for what in ("propeller changed", "motor changed"):
+        store.mark("00ab", MarkRow(1, BEGAN, what))
+    store.mark("00ab", MarkRow(3, BEGAN - 1, "bearing"))
+    assert store.marks("00ab") == [MarkRow(3, BEGAN - 1, "bearing"), MarkRow(1, BEGAN, "motor changed")]
+
+
+def test_several_processes_may_write_at_once(tmp_path: Path) -> None:
+    stores = [History(str(tmp_path / "h.sqlite")) for _ in range(3)]
+    for k in range(12):
+        stores[k % 3].store(record(k, result(1, 2e-6)))
+    assert len(stores[0].flights("00ab")) == 12
+    with sqlite3.connect(tmp_path / "h.sqlite") as direct:
+        assert direct.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    direct.close()
+    for each in stores:
+        each.close()
+
+
+def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(tmp_path / "h.sqlite")
+    with monkeypatch.context() as older:
+        older.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
+        old = History(path)
+        old.store(record(0, result(1, 2e-6)))
+        with pytest.raises(StoreError, match="no such table: mark"):
+            old.marks("00ab")
+        old.close()
+    new = History(path)
+    assert new.marks("00ab") == []
+    assert len(new.results("00ab")) == 1
+    new.close()
+    monkeypatch.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
+    with pytest.raises(
+        ConfigError, match=r"a newer gcs-health wrote this history \(schema 2, this one knows 1\)"
+    ):
+        History(path)
+
+
+def test_a_step_that_fails_leaves_the_store_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(tmp_path / "h.sqlite")
+    History(path).close()
+    broken = (*history_schema.STEPS, ("CREATE TABLE half (a INTEGER)", "CREATE NONSENSE"))
+    with monkeypatch.context() as newer:
+        newer.setattr("gcs_health.record.history.STEPS", broken)
+        with pytest.raises(StoreError):
+            History(path)
+    store = History(path)
+    with store._transaction() as connection:
+        assert not connection.exec_driver_sql("SELECT name FROM sqlite_master WHERE name = 'half'").all()
+    store.close()
+
+
+def test_the_tables_are_as_the_steps_make_them(store: History) -> None:
+    from sqlalchemy import inspect
+
+    found = inspect(store._engine)
+    for table in history_schema.METADATA.sorted_tables:
+        made = {column["name"]: column["nullable"] for column in found.get_columns(table.name)}
+        assert set(made) == {column.name for column in table.columns}
+        assert found.get_pk_constraint(table.name)["constrained_columns"] == [
+            c.name for c in table.primary_key
+        ]
+
+
+# -- what a flight is ------------------------------------------------------------------------------------
+
+
+def collected(*monitored: list[object]) -> list[FlightRecord]:
+    collector = FlightCollector()
+    ended: dict[str, FlightRecord] = {}
+    for events in monitored:
+        for each in collector.feed(events):  # type: ignore[arg-type]
+            ended[each.identity] = each
+    return list(ended.values())
+
+
+def test_a_session_of_two_flights_is_two_flights() -> None:
+    session = two_flights()
+    one, two = collected(feed(session, MonitorConfig()))  # type: ignore[arg-type]
+    assert (one.started_us, two.started_us) == (1700000006104000, 1700000026104000)
+    assert [row.status for row in one.results if row.quantity == "effectiveness"].count("unobservable") == 0
+    assert not one.alerts
+    assert [(a.code, a.motor) for a in two.alerts] == [("ROTOR_FAILED", 3)]
+    # time on the ground between them belongs to neither
+    assert one.duration < 9.0
+
+
+def test_a_vehicle_on_the_ground_has_flown_nothing() -> None:
+    encoder = Encoder(default_dialect())
+    frames = [
+        (BEGAN + k * 1_000_000, encoder.frame("HEARTBEAT", type=2, autopilot=12, mavlink_version=3))
+        for k in range(20)
+    ]
+    assert not collected(feed(frames, MonitorConfig()))  # type: ignore[arg-type]
+
+
+def test_mean_spread_and_worst_are_those_of_the_valid_estimates() -> None:
+    def estimate(t: float, value: float, status: str, p: float) -> EstimateEvent:
+        return EstimateEvent(t, 1, "1.1", "e", 0, 1, "drag", value, 0.3, p, status, (), math.nan)
+
+    said = [
+        VehicleEvent(0.0, 5, "1.1", "flight", "armed", armed=True),
+        estimate(1.0, 9.0, "converging", 0.5),
+        estimate(2.0, 1.0, "valid", 0.1),
+        estimate(3.0, 2.0, "valid", 0.2),
+        estimate(4.0, math.nan, "unobservable", math.nan),
+        VehicleEvent(5.0, 6, "1.1", "flight", "disarmed", armed=False),
+    ]
+    (flight,) = FlightCollector().feed(said)
+    (row,) = flight.results
+    assert (row.value, row.std, row.samples, row.valid, row.status) == (
+        1.5,
+        pytest.approx(0.3),
+        4,
+        2,
+        "unobservable",
+    )
+    assert row.spread == pytest.approx(math.sqrt(0.5))
+    assert (row.worst, row.worst_t, row.worst_probability) == (9.0, 1.0, 0.5)
+
+
+def test_the_uid_tells_a_vehicle_by_its_hardware(tmp_path: Path) -> None:
+    encoder = Encoder(default_dialect())
+    monitor = Monitor(MonitorConfig())
+    said = []
+    for fields, uid in (
+        ({"uid": 0xAB}, "00000000000000ab"),
+        ({"uid": 1, "uid2": [0] * 17 + [7]}, "00" * 17 + "07"),
+    ):
+        monitor.feed(encoder.frame("HEARTBEAT", type=2, autopilot=12, mavlink_version=3), BEGAN)
+        said += monitor.feed(encoder.frame("AUTOPILOT_VERSION", **fields), BEGAN + 3_000_000)
+        assert [e.uid for e in said if isinstance(e, VehicleEvent)][-1] == uid
+
+
+# -- trends ----------------------------------------------------------------------------------------------
+
+
+def points(values: list[float], every: float = 7.0) -> list[Point]:
+    return [Point(BEGAN + int(k * every * DAY_US), value, 0.1) for k, value in enumerate(values)]
+
+
+def test_a_line_through_the_flights_is_found_and_projected() -> None:
+    noise = random.Random(3)
+    values = [1.0 + 0.1 * k + noise.gauss(0.0, 0.02) for k in range(12)]
+    values[5] = 9.0  # one odd flight
+    found = trend(points(values), "unbalance", limit=2.5)
+    assert found is not None
+    assert found.grows
+    assert found.slope == pytest.approx(0.1 / 7.0, rel=0.15)
+    assert found.low < 0.1 / 7.0 < found.high
+    due = BEGAN + 15 * 7 * DAY_US
+    assert found.due_us == pytest.approx(due, abs=7 * DAY_US)
+    assert found.earliest_us is not None
+    assert found.latest_us is not None
+    assert found.earliest_us <= found.due_us <= found.latest_us
+    by_default = trend(points(values), "unbalance")
+    assert by_default is not None
+    assert by_default.limit == 2.0 * by_default.start
+
+
+def test_the_interval_of_the_slope_covers_the_truth_as_often_as_it_says() -> None:
+    """400 series of ten flights without growth: the 95 % interval misses zero in one of twenty."""
+    noise = random.Random(1)
+    missed = 0
+    for _ in range(400):
+        found = trend(points([noise.gauss(1.0, 0.2) for _ in range(10)]), "unbalance")
+        assert found is not None
+        missed += not found.low <= 0.0 <= found.high
+    assert missed / 400 < 0.05 + 3 * math.sqrt(0.05 * 0.95 / 400)
+
+
+def test_no_trend_of_few_flights_and_no_date_without_growth() -> None:
+    assert trend(points([1.0, 2.0, 3.0, 4.0]), "unbalance") is None
+    falling = trend(points([5.0, 4.0, 3.0, 2.0, 1.0, 0.5]), "unbalance", limit=6.0)
+    assert falling is not None
+    assert (falling.grows, falling.due_us) == (False, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "less_is_better", "verdict"),
+    [
+        ([4.0, 4.2, 3.9], [1.0, 1.2, 1.1], True, "helped"),
+        ([1.0, 1.2, 1.1], [4.0, 4.2, 3.9], True, "made it worse"),
+        ([0.6, 0.62, 0.61], [0.98, 1.0, 0.99], False, "helped"),
+        ([1.0, 1.4, 0.7], [1.1, 1.2, 0.8], True, "no change seen"),
+        ([1.0], [4.0, 4.2], True, "too few flights"),
+    ],
+)
+def test_a_repair_is_judged_by_the_interval_of_the_change(
+    before: list[float], after: list[float], less_is_better: bool, verdict: str
+) -> None:
+    assert repair(points(before), points(after), less_is_better=less_is_better).verdict == verdict
+
+
+def test_welch_s_interval_is_scipy_s() -> None:
+    from scipy.stats import ttest_ind
+
+    before, after = [4.0, 4.2, 3.9, 4.6], [1.0, 1.2, 1.1]
+    interval = ttest_ind(after, before, equal_var=False).confidence_interval(0.95)
+    told = repair(points(before), points(after), less_is_better=True)
+    assert (told.low, told.high) == pytest.approx((interval.low, interval.high))
+
+
+# -- the command -----------------------------------------------------------------------------------------
+
+
+def test_a_flight_replayed_twice_is_stored_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(tmp_path / "h.sqlite")
+    for _ in range(2):
+        assert main(["replay", str(FLIGHT), "--history", path]) == 0
+    capsys.readouterr()
+    assert main(["history", "--history", path, "--format", "json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["schema"] == "gcs_health.history/1"
+    (vehicle,) = told["vehicles"]
+    assert (vehicle["vehicle"], len(vehicle["flights"]), len(vehicle["alerts"])) == ("1.1", 1, 1)
+    assert {row["motor"] for row in vehicle["results"]} == {1, 2, 3, 4}
+
+
+def test_live_keeps_a_history_by_default_and_none_if_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert main(["live", f"file://{FLIGHT}", "--history", "none"]) == 0
+    assert not list(tmp_path.iterdir())
+    assert main(["live", f"file://{FLIGHT}"]) == 0
+    assert (tmp_path / "gcs-health" / "history.sqlite").exists()
+    capsys.readouterr()
+    assert main(["history"]) == 0
+    assert capsys.readouterr().out.startswith("vehicle 1.1: 1 flight\n")
+
+
+@pytest.fixture
+def worn(tmp_path: Path) -> str:
+    """Ten flights on which the unbalance of motor 3 doubles, a repair, three flights as good as new."""
+    path = str(tmp_path / "h.sqlite")
+    history = History(path)
+    noise = random.Random(2)
+    for k in range(13):
+        mean = 2e-6 * (1.0 + 0.1 * k) if k < 10 else 1.5e-6
+        history.store(record(7 * k, result(2, noise.gauss(1e-6, 5e-8)), result(3, noise.gauss(mean, 5e-8))))
+    history.close()
+    return path
+
+
+def test_growth_is_a_finding_with_a_date(worn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    history = History(worn)
+    with history._transaction() as connection:
+        for table in ("result", "flight"):
+            connection.exec_driver_sql(f"DELETE FROM {table} WHERE flight > 'us:{BEGAN + 65 * DAY_US}'")
+    history.close()
+    assert main(["history", "--history", worn, "quad", "--limit", "unbalance=4e-6"]) == 0
+    shown = capsys.readouterr().out
+    lines = shown.splitlines()
+    grown = next(k for k, line in enumerate(lines) if line.startswith("  motor 3  unbalance 3.8"))
+    assert lines[grown + 1].lstrip().startswith("maintenance: grows by 0.2")
+    assert "at 4 g mm about 2026-08-" in lines[grown + 1]
+    calm = next(k for k, line in enumerate(lines) if line.startswith("  motor 2"))
+    assert "no growth that the flights bear out" in lines[calm + 1]
+
+
+def test_a_mark_begins_a_new_baseline_and_says_whether_it_helped(
+    worn: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mark = [
+        "history",
+        "mark",
+        "Quad",
+        "--history",
+        worn,
+        "--rotor",
+        "3",
+        "--propeller-changed",
+        "--at",
+        "2026-08-04",
+    ]
+    assert main(mark) == 0
+    assert "00ab: motor 3: propeller changed, 2026-08-04 00:00 UTC" in capsys.readouterr().out
+    assert main(["history", "Quad", "--history", worn, "--rotor", "3"]) == 0
+    shown = capsys.readouterr().out
+    assert "3 flights since the baseline began" in shown
+    assert "motor 3: propeller changed: unbalance 2.87 g mm (2.43 to 3.3) before" in shown
+    assert shown.rstrip().endswith("after: helped (unbalance)")
+    assert main(["history", "Quad", "--history", worn, "--format", "csv"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert len(rows) == 1 + 26
+    assert rows[1].startswith(f"00ab,Quad,us:{BEGAN},{BEGAN},2,unbalance,unbalance,")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["history", "--history", "nonsense://x/y"], "cannot be used"),
+        (["history", "--history", "{place}/file/h.sqlite"], "unable to open database file"),
+        (["history", "a", "b"], "quote a name with spaces"),
+        (["history", "mark"], "expected mark and one vehicle, got none"),
+        (["history", "mark", "x", "--history", "{place}/h"], "no vehicle is called so"),
+        (["history", "--limit", "unbalance"], "expected QUANTITY=VALUE"),
+        (["replay", str(FLIGHT), "--history", "{place}/file/h.sqlite"], "unable to open database file"),
+        (["history", "--history", "postgresql://nobody@127.0.0.1:1/x"], "127.0.0.1"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main([word.format(place=tmp_path) for word in arguments]) == 2
+    shown = capsys.readouterr()
+    assert complaint in shown.err
+    assert shown.err.count("\n") == 1
+
+
+# -- a store that is not there ---------------------------------------------------------------------------
+
+
+def keeper(fails: Callable[[], bool], path: Path) -> HistoryKeeper:
+    def opens() -> History:
+        if fails():
+            raise StoreError("the database is gone")
+        return History(str(path))
+
+    return HistoryKeeper(opens)
+
+
+def test_a_store_that_is_gone_is_told_once_and_gets_the_flights_when_it_is_back(tmp_path: Path) -> None:
+    gone = [True]
+    kept = keeper(lambda: gone[0], tmp_path / "h.sqlite")
+    events = feed(two_flights(), MonitorConfig())
+    kept.take(events)
+    for k in range(5):
+        assert kept._work is None or kept._work.result()
+        kept.poll(1_000_000_000 + k * 20_000_000)
+    assert kept.notices == ["history: the database is gone; trying again"]
+    gone[0] = False
+    kept.close()
+    assert kept.notices[1:] == ["history: stored again"]
+    store = History(str(tmp_path / "h.sqlite"))
+    assert len(store.flights("1.1")) == 2
+    store.close()
+
+
+def test_what_could_not_be_stored_at_all_is_told(tmp_path: Path) -> None:
+    kept = keeper(lambda: True, tmp_path / "h.sqlite")
+    kept.take(feed(two_flights(), MonitorConfig()))
+    kept.close()
+    assert kept.notices[-1] == "2 flights are not in the history"
