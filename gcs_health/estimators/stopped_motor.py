@@ -26,7 +26,9 @@ class StoppedConfig:
     asked: float = 0.5  # of the others' mean command; less is an order to turn slowly; this project
     as_others: float = 0.9  # of the others' mean command; this project
     flying: float = 0.5  # s that the others must have flown before
-    behind: float = 0.8  # of the others' mean speed; a motor that is commanded like them is not slower; this project
+    behind: float = (
+        0.8  # of the others' mean speed; a motor that is commanded like them is not slower; this project
+    )
     command_off: float = 0.02  # a command below this is an order to stand still
 
 
