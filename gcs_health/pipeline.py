@@ -163,7 +163,7 @@ class Monitor:
         final: dict[int, list[Estimate]] = {}
         for estimate in vehicle.estimates():
             final.setdefault(estimate.rotor, []).append(estimate)
-        for k, rotor in enumerate(vehicle.airframe.rotors if vehicle.airframe else ()):
+        for k, rotor in enumerate(vehicle.airframe.rotors if vehicle.airframe and final else ()):
             rotors.append(
                 {
                     "rotor": rotor.esc,

@@ -3,7 +3,7 @@
 import math
 import shutil
 import textwrap
-from typing import Any
+from typing import Any, NamedTuple
 
 from gcs_health.needs import Need
 from gcs_health.record.events import AlertEvent, SummaryEvent, VehicleEvent
@@ -74,21 +74,23 @@ def _wrapped(line: str, indent: int) -> list[str]:
 
 
 def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
-    head = f"  {'motor':<22}{'effectiveness':<16}{'P(failed)':<11}{'worst':<8}{'state'}"
-    lines = [head]
+    rows = _dicts(rotors)
+    others = [column for column in _COLUMNS if any(_of(rotor, column.quantities) for rotor in rows)]
+    names = [f"{rotor['motor']} {rotor['seat']}" for rotor in rows]
+    width = max(len(name) for name in names) + 2
+    head = "".join(f"{column.title:<{column.width}}" for column in others)
+    lines = [f"  {'motor':<{width}}{'effectiveness':<15}{'P(failed)':<11}{'worst':<7}{head}state"]
     detectable = []
-    for rotor in _dicts(rotors):
-        final, worst = rotor["final"], rotor["worst"]
-        value = _number(final["value"], 2)
-        if _finite(final["std"]):
-            value += f" ± {final['std']:.2f}"
+    for name, rotor in zip(names, rows, strict=True):
+        shown = _of(rotor, ("effectiveness",)) or rotor
+        final, worst = shown["final"], shown["worst"]
         state = final["status"] + (f": {final['why']}" if final["why"] else "")
         if rotor["telemetry"] != "fresh":
             state += f" (telemetry {rotor['telemetry']})"
-        name = f"{rotor['motor']} {rotor['seat']}"
+        cells = "".join(f"{column.cell(_of(rotor, column.quantities)):<{column.width}}" for column in others)
         lines.append(
-            f"  {name:<22}{value:<16}{_number(final['failure_probability'], 2):<11}"
-            f"{_number(worst['failure_probability'], 2):<8}{state}"
+            f"  {name:<{width}}{_spread(final, 2, 1.0):<15}{_number(final['failure_probability'], 2):<11}"
+            f"{_number(worst['failure_probability'], 2):<7}{cells}{state}"
         )
         for when in (final, worst):
             if _finite(when["detectable"]):
@@ -96,6 +98,48 @@ def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
     if detectable:
         lines.append(f"  smallest sudden loss that would be seen: {100 * min(detectable):.0f} % of a rotor")
     return lines
+
+
+class _Column(NamedTuple):
+    """One more quantity: which, under what title, its unit in SI, digits and width."""
+
+    quantities: tuple[str, ...]
+    title: str
+    unit: float
+    digits: int
+    width: int
+
+    def cell(self, row: dict[str, Any] | None) -> str:
+        """Return the last value that was known, with its spread; a dash where there is none."""
+        if row is None:
+            return "-"
+        known = row["final"] if _finite(row["final"]["value"]) else row["worst"]
+        mark = " !" if _finite(known["failure_probability"]) and known["failure_probability"] > 0.9 else ""
+        return _spread(known, self.digits, self.unit) + mark
+
+
+_COLUMNS = (
+    _Column(("unbalance",), "unbal. g mm", 1e-6, 1, 15),
+    _Column(("unbalance_relative",), "unbal. um", 1e-6, 1, 15),
+    _Column(("drag",), "drag", 1.0, 2, 15),
+    _Column(("degradation",), "degrad.", 1.0, 2, 15),
+)
+
+
+def _of(rotor: dict[str, Any], quantities: tuple[str, ...]) -> dict[str, Any] | None:
+    """Return the first estimate of these quantities that says anything."""
+    found = [each for each in rotor.get("estimates", ()) if each["quantity"] in quantities]
+    if quantities == ("effectiveness",):
+        return found[0] if found else None
+    known = (each for each in found if _finite(each["final"]["value"]) or _finite(each["worst"]["value"]))
+    return next(known, None)
+
+
+def _spread(state: dict[str, Any], digits: int, unit: float) -> str:
+    if not _finite(state["value"]):
+        return "-"
+    value = f"{state['value'] / unit:.{digits}f}"
+    return value + (f" ± {state['std'] / unit:.{digits}f}" if _finite(state["std"]) else "")
 
 
 def _rates(rates: dict[str, Any]) -> str:

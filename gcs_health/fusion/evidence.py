@@ -17,7 +17,7 @@ from gcs_health.samples import EscInfo
 Odds = tuple[tuple[Kind, float], ...]
 
 SURE, LIKELY, AGAINST = BOUND, 6.0, -6.0  # nats
-HOLDS = 1.0  # s that an estimate holds without being repeated
+HOLDS, HOLDS_SLOW = 1.0, 5.0  # s that an estimate holds without being repeated
 LOST_SPREAD, PART_SPREAD = 0.2, 0.05  # of the loss beyond its own standard deviation
 PARTIAL = tuple(0.1 + 0.05 * k for k in range(14))  # losses that "partly" covers, equally likely
 
@@ -61,6 +61,46 @@ def effectiveness(estimate: Estimate) -> Evidence | None:
     if not named:
         odds += ((Kind.MOTOR_STOPPED, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
     return _evidence(estimate, odds)
+
+
+def torque(estimate: Estimate) -> Evidence | None:
+    """The motor's torque: gone with the propeller, there while a propeller slips."""
+    p = estimate.failure_probability
+    if p == p and p > 0.9 and Reason.MOTOR_NOT_DRIVEN in estimate.reasons:
+        return _evidence(estimate, ((Kind.MOTOR_STOPPED, SURE), (Kind.MOTOR_STUCK, AGAINST)))
+    if p != p or estimate.status is not Status.VALID:
+        return None
+    if p > 0.9:
+        odds: Odds = ((Kind.PROPELLER_LOST, _compensated(p, Kind.PROPELLER_LOST)),)
+        odds += ((Kind.PROPELLER_SLIPPING, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
+    else:
+        odds = ((Kind.PROPELLER_LOST, AGAINST), (Kind.THRUST_LOSS, 0.5 * AGAINST))
+    return _evidence(estimate, odds)
+
+
+def drag(estimate: Estimate) -> Evidence | None:
+    """The motor's drag against its own: risen where something rubs or a bearing runs dry."""
+    return _slow(estimate, Kind.DRAG_RISEN, "motor_observer drag")
+
+
+def unbalance(estimate: Estimate) -> Evidence | None:
+    """The propeller's unbalance, where it can be told whose it is."""
+    return _slow(estimate, Kind.PROPELLER_UNBALANCED, estimate.estimator)
+
+
+def _slow(estimate: Estimate, kind: Kind, source: str) -> Evidence | None:
+    p = estimate.failure_probability
+    if p != p or estimate.status is not Status.VALID:
+        return None
+    return _evidence(estimate, ((kind, _compensated(p, kind)),))._replace(
+        source=source, sees_thrust=False, lasts=HOLDS_SLOW
+    )
+
+
+def _compensated(p: float, kind: Kind) -> float:
+    """Return the ratio with which a source's own probability comes out as the posterior, if it is alone."""
+    p = min(max(p, 1e-6), 1.0 - 1e-6)
+    return math.log(p / (1.0 - p)) - math.log(PRIOR_ODDS[kind])
 
 
 def esc_state(t: float, rotor: int, state: RotorState, others_live: bool, in_flight: bool) -> Evidence | None:
@@ -119,5 +159,9 @@ def _partly(loss: float, spread: float) -> float:
 
 _OF_ESTIMATOR: dict[tuple[str, str], Callable[[Estimate], Evidence | None]] = {
     ("effectiveness", "effectiveness"): effectiveness,
+    ("motor_observer", "effectiveness"): torque,
+    ("motor_observer", "drag"): drag,
+    ("unbalance", "unbalance"): unbalance,
+    ("unbalance", "unbalance_relative"): unbalance,
 }
 assert set(PRIOR_ODDS) == set(FAULTS)

@@ -67,7 +67,8 @@ class RotorPanel:
             if evidence is None:
                 continue
             self._beliefs[estimate.rotor].feed(evidence)
-            if estimate.failure_probability > 0.9 or Reason.MOTOR_STOPPED in estimate.reasons:
+            named = estimate.failure_probability > 0.9 or Reason.MOTOR_STOPPED in estimate.reasons
+            if named and evidence.sees_thrust:
                 told += self._judge(estimate.rotor, estimate.t)
         return told
 
