@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs_health.estimators.labelled_flights import LabelledFlight
 from gcs_health.estimators.pooled_ar import PooledArConfig, PooledArEstimator
-from gcs_health.estimators.pooled_ar_file import save
+from gcs_health.estimators.pooled_ar_file import load, save
 from gcs_health.estimators.pooled_ar_model import PooledModel
 from gcs_health.estimators.pooled_ar_training import TrainingSettings, train
 from gcs_health.estimators.pooled_ar_training import windows as windows_of
@@ -96,6 +96,7 @@ def main() -> None:
     parser.add_argument("--sensors", default=",".join(sensor.key for sensor in SENSORS))
     parser.add_argument("--cache", type=Path)
     parser.add_argument("--save", type=Path)
+    parser.add_argument("--trained", type=Path, help="a folder of --save: values and refusals alone")
     options = parser.parse_args()
     print("# Pooled AR models on the boom bench\n")
     print(
@@ -110,7 +111,10 @@ def main() -> None:
     for regime in regimes:
         fly = partial(flown, options.cache, regime)
         middle = fly("mid", between(KNOWN, 0), 18.0)
-        trained(regime, fly, middle, models, sensors)
+        if options.trained:
+            models |= {(regime, s.name): load(options.trained / f"{regime}_{s.key}.npz") for s in sensors}
+        else:
+            trained(regime, fly, middle, models, sensors)
         reports[regime] = (middle.of(FITTED), fly("others", between(OTHERS, 20_000), 18.0))
     for (air, name), model in models.items():
         if options.save:
@@ -119,7 +123,7 @@ def main() -> None:
             save(model, options.save / f"{air}_{key}.npz")
     values(models, reports)
     for regime in regimes:
-        if regime in FULL:
+        if regime in FULL and not options.trained:
             fly = partial(flown, options.cache, regime)
             alarms(regime, fly, models)
 
