@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.calibration.control_effectiveness import ControlEffectiveness
@@ -75,6 +76,7 @@ class RecommendedBank:
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._gathered: list[tuple[Step, Evidence]] = []  # final ticks of the next lesson
+        self._calm_ticks: list[bool] = []  # which of them teach the noise: no hypothesis was half way
         self._gathered_time = 0.0
         self._aged: list[tuple[int, tuple[float, ...], float, float]] = []  # age, e, dt, inflation
         self._frozen_until = -math.inf
@@ -192,6 +194,7 @@ class RecommendedBank:
         if self.bank.ticks or self._pending:
             self.bank.clear()
             self._gathered.clear()
+            self._calm_ticks.clear()
             self._gathered_time = 0.0
             self._aged.clear()
             self.moments.gap()
@@ -241,6 +244,7 @@ class RecommendedBank:
         self._final_row = self._row
         if self.failed is None:
             self._gathered.append((step, tick))
+            self._calm_ticks.append(t > self._frozen_until)
             self._gathered_time += step.dt
             if self._gathered_time >= self.config.lesson:
                 fell = self._learn(t) or fell
@@ -358,9 +362,8 @@ class RecommendedBank:
         lesson = Lesson(self._gathered)
         self._gathered.clear()
         self._gathered_time = 0.0
-        if lesson.first_t > self._frozen_until:
-            self._learn_noise(lesson)
-        self._aged.clear()
+        self._learn_noise(lesson, np.array(self._calm_ticks))
+        self._calm_ticks.clear()
         self.slow.feed(lesson, self.gains.matrix)
         self.partial.feed(lesson, self.gains.matrix)
         self.moments.feed(lesson, self.track.interval, self.tick_length)
@@ -370,9 +373,13 @@ class RecommendedBank:
             return self.moments.check(self.track.interval, self.tick_length)
         return False
 
-    def _learn_noise(self, lesson: Lesson) -> None:
+    def _learn_noise(self, lesson: Lesson, calm: NDArray[np.bool_]) -> None:
         since_open = self.gate.since_open
         if self._aged:
             ages, e, dt, inflation = zip(*self._aged, strict=True)
             self.noise.learn_aged(list(ages), np.array(e), np.array(dt), np.array(inflation), since_open)
-        self.noise.learn(lesson.e, lesson.dt, lesson.inflation, since_open)
+            self._aged.clear()
+        if calm.all():
+            self.noise.learn(lesson.e, lesson.dt, lesson.inflation, since_open)
+        elif calm.any():
+            self.noise.learn(lesson.e[calm], lesson.dt[calm], lesson.inflation[calm], since_open)
