@@ -72,6 +72,9 @@ class ControlEffectiveness:
         self.thrust = given.thrust or 0.0
         self._in_hover = self._priors(airframe, reach_x, reach_y)
         self._scale = [1.0, 1.0]  # learned over prior, roll and pitch
+        # relative standard deviations of roll and pitch
+        spread = self.prior.spread
+        self.doubt = (0.0 if given.roll else spread, 0.0 if given.pitch else spread)
         self._airborne = False
         self._level = Level(self.prior)
         self._gathered = self._az = self._squares = 0.0  # s, and a_z and sum u times s
@@ -140,6 +143,7 @@ class ControlEffectiveness:
         """Take (direct, R²) of measured on presently predicted acceleration, roll and pitch, of `time` s."""
         if time < self.prior.least_time:
             return
+        doubt = list(self.doubt)
         for axis, (slope, r2) in enumerate((roll, pitch)):
             if self.given[axis] or r2 < self.prior.least_r2 or slope <= 0.0:
                 continue
@@ -148,8 +152,10 @@ class ControlEffectiveness:
             spread = self.prior.spread
             chance = (1.0 - r2) / r2 * self.prior.apart / time  # variance of the logarithm of the slope
             weight = spread * spread / (spread * spread + gap * gap + chance + 1e-3)
+            doubt[axis] = spread * math.sqrt(1.0 - weight)
             low, high = self.prior.bounds
             self._scale[axis] = min(max(math.exp(weight * learned), low), high)
+        self.doubt = (doubt[0], doubt[1])
         self._apply()
 
 

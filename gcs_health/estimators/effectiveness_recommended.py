@@ -237,7 +237,8 @@ class RecommendedBank:
         now = self._push = push(self.track.at(t - self.shift.shift), gains)
         e = residual(step, before, now, gains.has_yaw)
         variances = noise.variances(0)
-        tick = Evidence(e, noise.offset, variances, step.inflation, before.speeds, now.speeds, gains.matrix)
+        speeds = (before.speeds, now.speeds)
+        tick = Evidence(e, noise.offset, variances, step.inflation, *speeds, gains.matrix, gains.doubt)
         look = self._suspects(t) or not calm(tick, self._calm_limit)
         self.bank.add_final(tick, -e[3])
         fell = self._judge(t, True, look)
@@ -286,6 +287,7 @@ class RecommendedBank:
             before.speeds,
             now.speeds,
             self.gains.matrix,
+            self.gains.doubt,
         )
 
     def _push_at(self, position: int) -> Push:

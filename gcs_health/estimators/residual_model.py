@@ -7,6 +7,8 @@ Rows 0 roll, 1 pitch, 2 yaw acceleration, 3 vertical specific force; n rotors.
     h      = G u                          (4, n), signed
     e      = y - sum h_i                  (rotor acceleration taken off the yaw row)
     M      = sum h_i² (.02 + .5 |du_i| / u_i)²     what the thrust law and timing may be wrong by
+             + (s sum h_i)²               roll, pitch: what gains not yet learned may be wrong by, all rotors
+                                          alike; s is their relative standard deviation, 0 if given
 
 The share of |du| in M is twice sheet 1's: it stands for some 4 ms by which rotor speeds and IMU may be
 apart unknown to anyone; with half of it the healthy flights alarm when their stamps are moved.
@@ -64,6 +66,7 @@ class Evidence(NamedTuple):
     w0: Sequence[float]  # (n,) rotor speeds at the beginning [rad/s]
     w1: Sequence[float]  # and at the end
     matrix: Array  # (4, n) gains G at that time
+    doubt: tuple[float, float] = (0.0, 0.0)  # relative standard deviations of roll and pitch gains
 
 
 def push(speeds: Sequence[float], gains: ControlEffectiveness) -> Push:
@@ -111,7 +114,7 @@ def residual(step: Step, before: Push, now: Push, has_yaw: bool) -> tuple[float,
 
 def calm(tick: Evidence, limit: float) -> bool:
     """Whether no row is further from its baseline than sqrt(limit) sigmas: by itself it accuses nobody."""
-    e, offset, variances, inflation, _, _, _ = tick
+    e, offset, variances, inflation = tick[:4]
     limit *= inflation
     d = e[0] - offset[0]
     if d * d > limit * variances[0]:
@@ -131,7 +134,7 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
-    *vectors, matrices = zip(*ticks, strict=True)
+    *vectors, matrices, doubts = zip(*ticks, strict=True)
     e, offset, variances, inflation, w0, w1 = (np.array(vector) for vector in vectors)
     # gains change seldom: mostly all ticks have the same
     matrix = np.array(matrices[:1] if all(one is matrices[0] for one in matrices) else matrices)
@@ -143,6 +146,7 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     h2 = h * h
     share = np.abs(u1 - u0) / (mean + 1.0) * error[1] + error[0]
     model = (h2 * (share * share)[:, None, :]).sum(axis=2)
+    model[:, :2] += (np.array(doubts) * h[:, :2].sum(axis=2)) ** 2
     weight = 1.0 / (variances * inflation[:, None] + model)
     r = e - offset
     weighted = r * weight
