@@ -394,7 +394,7 @@ class RotorTelemetry:
 
     def _reading(self, t: float, known: Known) -> RotorReading | None:
         """Put what is known of ESCs in rotor order."""
-        if known.escs == self._in_order:  # all of them, and in the rotors' order already
+        if known.escs and known.escs == self._in_order:  # all of them, and in the rotors' order already
             if not self.gives_current:
                 self.gives_current = any(current > 0.0 for current in known.current)
             return RotorReading(t, known.speed, known.current, known.voltage)

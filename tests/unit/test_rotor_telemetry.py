@@ -403,3 +403,10 @@ def test_any_content_gives_sane_readings(
     assert all(rotors.state(esc, 4.0) in RotorState for esc in range(8))
     assert all(rotors.rate(esc) >= 0.0 for esc in range(8))
     assert all(isinstance(note, str) for note in rotors.notes())
+
+
+def test_before_the_airframe_is_known_nothing_is_read() -> None:
+    rotors = RotorTelemetry()
+    silent = EscTelemetry(1, 1, 11030, 0, None, 0, ZERO, ZERO, ZERO, ZERO, (0,) * 4, NAN4)
+    assert rotors.feed(1.0, silent) is None
+    assert rotors.feed(1.1, EscStatus(1, 1, 291, 0, 1, 0, TURNING, VOLTS, AMPS)) is None
