@@ -407,6 +407,8 @@ class VehicleMonitor:
         for need in (need for needs in self.needs().values() for need in needs):
             if need.met or need.input in told or not need.wanted > 1.0:
                 continue
+            if need.input is Input.CURRENT and Input.ROTOR_SPEED in told:
+                continue  # what gives the one gives the other
             told.add(need.input)
             have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
             self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
