@@ -3,10 +3,14 @@
 import hashlib
 import struct
 from collections.abc import Iterable
+from typing import Any
+
+from pymavlink.dialects.v20 import all as stock
 
 from gcs_health.mavlink.batch import Frame
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.frames import FrameCounters, FrameDecoder
+from gcs_health.mavlink.generated import esc, gcs_health
 
 DIALECT = default_dialect()
 START_US = 1_700_000_000_000_000
@@ -74,3 +78,8 @@ def decode(
     decoder = FrameDecoder(DIALECT, stamped=stamped, keys=keys)
     frames = [f for at in range(0, len(data), chunk) for f in decoder.feed(data[at : at + chunk], START_US)]
     return frames + list(decoder.finish()), decoder.counters
+
+
+def pymavlinks(message: int) -> Any:
+    """The pymavlink module that knows a message: one of ours that its generator made, or its own."""
+    return next((own for own in (esc, gcs_health) if message in own.mavlink_map), stock)

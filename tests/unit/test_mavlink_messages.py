@@ -6,13 +6,11 @@ import struct
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import all as stock
-from wire import DIALECT, START_US, log, v1, v2
+from wire import DIALECT, START_US, log, pymavlinks, v1, v2
 
 from gcs_health import samples as s
 from gcs_health.mavlink.dialect import Message
 from gcs_health.mavlink.frames import FrameDecoder
-from gcs_health.mavlink.generated import esc
 from gcs_health.mavlink.message_table import TABLE
 from gcs_health.mavlink.messages import MessageDecoder
 
@@ -48,8 +46,7 @@ def cut(payload: bytes, rng: random.Random) -> bytes:
 
 
 def theirs(message: int, frame: bytes) -> object:
-    link = (esc if message in esc.mavlink_map else stock).MAVLink(None)
-    return link.decode(bytearray(frame))
+    return pymavlinks(message).MAVLink(None).decode(bytearray(frame))
 
 
 def agree(mine: object, other: object, kind: str) -> bool:
@@ -68,7 +65,7 @@ def test_all_messages_in_one_log_agree_with_pymavlink_at_any_length(version: int
     for id in ids:
         payload = payload_of(DIALECT.messages[id], rng)
         if version == 1:  # knows no extension fields: pymavlink cuts them off, and fills them with zeros
-            base = (esc if id in esc.mavlink_map else stock).mavlink_map[id]
+            base = pymavlinks(id).mavlink_map[id]
             payload = payload[: base.unpacker.size]
         frames.append(v1(id, payload) if version == 1 else v2(id, cut(payload, rng)))
     batch = FrameDecoder(DIALECT, stamped=True).feed(log(frames))
