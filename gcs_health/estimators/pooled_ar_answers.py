@@ -100,7 +100,7 @@ def by_speeds(speeds: SpeedDeficit, rotor: int, view: SpeedView) -> Answer:
     anywhere = probability(
         0.25 * excess / view.std_fast**2
     )  # half of the Gaussian's own log likelihood ratio
-    if not view.decides:
+    if not view.decides or (view.by_command and rotor != speeds.worst):
         anywhere = min(anywhere, UNDECIDED)
     candidates = (rotor,) if view.by_command else speeds.span.alike[rotor]
     if speeds.named in candidates:

@@ -16,7 +16,7 @@ from gcs_health.estimators.speed_span import SpeedFacts
 
 SCHEMA = "gcs_health.pooled_ar/1"
 ARRAYS = ("levels", "offsets", "scales")
-TUPLES = ("channels", "tail")
+TUPLES = ("channels", "tail", "ratio")
 PLAIN = (
     *("vehicle", "regime", "rate", "mean_over", "cutoff", "alarm_window", "value_window", "bias"),
     *("threshold", "alarm_every", "healthy_time", "names"),

@@ -223,6 +223,7 @@ class PooledModel:
         the variance [its unit²] by which its Grams are divided: the same for every rotor.
     parts : one a rotor and channel; of one rotor all have the same p.
     alarm_window, value_window [s]. bias : b, the model's own error of k, of a value window.
+    ratio : bounds of a value window's residual variance over the trained one, as held-out flights had it.
     threshold : of k in an alarm window, passed by a healthy flight once in `alarm_every` [s].
     tail : location and scale of the Gumbel law of 10 s maxima in healthy flight; healthy_time [s] behind it.
     names : share of held-out windows in which the smallest residual was the right rotor's.
@@ -242,6 +243,7 @@ class PooledModel:
     alarm_window: float
     value_window: float
     bias: float
+    ratio: tuple[float, float]
     threshold: float
     alarm_every: float
     tail: tuple[float, float]

@@ -36,6 +36,7 @@ from gcs_health.estimators.speed_training import learned_speeds
 MAXIMA = 10.0  # s, over which healthy maxima are taken
 SLOWEST_FILTER = 40.0  # Hz: a lower cut-off leaves the body's motion alone, of which nothing was measured
 COVERED = 0.95  # of held-out windows by the 95 % interval
+ROOM = 1.1  # about the residual variances of held-out flights, beyond which it is other air
 EULER = 0.5772156649  # mean of the standard Gumbel law
 
 
@@ -97,7 +98,7 @@ def train(
 
 def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledModel:
     """Return the model with its mean error, b and share of right rotors, from held-out flights."""
-    errors, needed, right = [], [], []
+    errors, needed, right, ratios = [], [], [], []
     for flight in held_out:
         blocks = windows(model, flight, flight.rotor, model.value_window)
         if not len(blocks):
@@ -105,7 +106,10 @@ def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledMo
         k = minimise(blocks.sum(axis=1))
         error = k - flight.k
         errors.append(np.abs(error))
-        needed.append((error / 1.96) ** 2 - spread(blocks, k, samples(model, blocks)).robust)
+        sure = spread(blocks, k, samples(model, blocks))
+        needed.append((error / 1.96) ** 2 - sure.robust)
+        mean = sure.rss / samples(model, blocks) * len(model.channels)
+        ratios.append(mean / model.expected(flight.rotor, k))
         if flight.k > 0.0:
             right.append(identified(model, flight, model.value_window) == flight.rotor)
     bias = math.sqrt(max(float(np.quantile(np.concatenate(needed), COVERED)), 0.0))
@@ -114,7 +118,8 @@ def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledMo
         ("held_out_windows", float(sum(map(len, errors)))),
     )
     names = float(np.concatenate(right).mean()) if right else math.nan
-    return replace(model, bias=bias, names=names, facts=(*model.facts, *facts))
+    ratio = (float(np.concatenate(ratios).min() / ROOM), float(np.concatenate(ratios).max() * ROOM))
+    return replace(model, bias=bias, ratio=ratio, names=names, facts=(*model.facts, *facts))
 
 
 def windows(model: PooledModel, flight: LabelledFlight, rotor: int, length: float, every: int = 0) -> Array:
@@ -222,6 +227,7 @@ def _fits(fitted: Sequence[LabelledFlight], s: TrainingSettings) -> list[PooledM
                 alarm_window=s.alarm_window,
                 value_window=s.value_window,
                 bias=math.nan,
+                ratio=(0.0, math.inf),
                 threshold=math.nan,
                 alarm_every=s.alarm_every,
                 tail=(math.nan, math.nan),

@@ -26,7 +26,10 @@ FIFTHS = 5  # pieces of a window whose residuals are compared
 class WatchConfig:
     """When a model refuses to answer; sheet 4 section 6, bounds as tested in benchmarks/pooled_ar.md."""
 
-    ratio: tuple[float, float] = (0.6, 2.0)  # residual variance over the trained one
+    ratio: tuple[float, float] = (
+        0.6,
+        2.0,
+    )  # residual variance over the trained one; the model's own may be closer
     uneven: float = 3.0  # between the fifths of a window
     k: tuple[float, float] = (-0.2, 1.2)
     margin: float = 1.02  # the second rotor's residual over the best one's
@@ -230,7 +233,8 @@ def judge(
     best = views[order[0]]
     blind = [] if c.ratio[0] <= best.ratio_alarm <= c.ratio[1] else [Reason.UNMODELLED]
     refused = [] if whole else [Reason.FILLING]
-    if not (c.ratio[0] <= best.ratio <= c.ratio[1] and c.k[0] <= best.k <= c.k[1]):
+    low, high = max(c.ratio[0], model.ratio[0]), min(c.ratio[1], model.ratio[1])
+    if not (low <= best.ratio <= high and c.k[0] <= best.k <= c.k[1]):
         refused.append(Reason.UNMODELLED)
     if not _steady(grams[order[0]], best.k, c.uneven):
         refused.append(Reason.UNSTEADY)

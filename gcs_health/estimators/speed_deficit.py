@@ -100,7 +100,8 @@ class SpeedDeficit:
 
     Attributes
     ----------
-    span : of the mixer.
+    span : of the mixer. worst : the rotor farthest below its command: single faults, and the command of its
+        opposite may fall to almost nothing.
     landed : as the autopilot says. speeds_at, commands_at, speed_t : when they last came [s].
     """
 
@@ -112,6 +113,7 @@ class SpeedDeficit:
         self.speed_t = [-math.inf] * self.n
         self.landed: bool | None = None
         self.views: list[SpeedView | None] = [None] * self.n
+        self.worst = 0
         self._index = -1
         self._open = np.zeros((4, self.n))  # speed sum and count, command sum and count, of the open block
         self._ring: deque[tuple[int, Array]] = deque(maxlen=config.value)
@@ -250,6 +252,7 @@ class SpeedDeficit:
             away = np.log(commands / self._rests.value)
             doubt = exponent * np.abs(away - np.median(away))
         settled = healthy.settled
+        self.worst = int(np.argmax(k_fast))
         out: list[SpeedView | None] = []
         for i, more in enumerate(doubt.tolist()):
             std, std_fast = math.hypot(healthy.spread(0.5), more), math.hypot(healthy.spread(1.0), more)

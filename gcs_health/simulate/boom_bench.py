@@ -1,7 +1,8 @@
 """A hexacopter on bending booms in gusts, many flights at once, finely enough for a sensor at a boom's tip.
 
 The vehicle of Dutta et al. (2023): rotor 1 in front, 2 right of it, and so on around; 5 m/s ahead. What the
-flight simulator steps at 1 kHz is here linear, and exact in its modes at the paper's 10 kHz:
+flight simulator steps at 1 kHz is here linear, and exact in its modes, at the paper's 10 kHz or, by default, at
+the third of it that the sensors have:
 
     M q'' + C q' + K q = P f       q = heave, roll, pitch and two bending modes of each boom
     f_i = kappa_T W_i² (1 + a_i sin(th_i + ..) + b_i sin(2 th_i + ..)) - D W_i (tip's velocity + gust)
@@ -35,9 +36,7 @@ TRIM_MOMENT = 0.03  # nose-up, of weight times arm: what 5 m/s ask of the pitch 
 CONTROL_STEP = 0.002  # s
 RPM_NOISE = 15.0 * math.pi / 30.0  # rad/s
 DRAG = 0.35  # 1/s, of the body in plane
-INFLOW = (
-    4.6  # thrust lost per advance ratio, by blade elements: .25 N a m/s; speeds then swing by 3 % per m/s
-)
+INFLOW = 4.6  # thrust lost per advance ratio, by blade elements; speeds then swing by 3 % per m/s of gusts
 
 
 def airframe() -> Airframe:
