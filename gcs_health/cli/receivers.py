@@ -42,7 +42,9 @@ def live_receivers(options: argparse.Namespace) -> Iterator[tuple[list[Receiver]
         with evidence_of(options, None) as (receivers, raw_tap):
             yield [*receivers, *others], raw_tap
         return
-    recorder = Recorder(options.record)
+    # who asks for the events under the very name that they would have beside the recording gets them once
+    beside = Path(options.record).with_suffix(".jsonl")
+    recorder = Recorder(options.record, lines=not options.jsonl or Path(options.jsonl) != beside)
     folder = Path(options.record) if options.evidence is None else Path(options.evidence)
     if options.evidence is None and folder.suffix == ".tlog":
         folder = folder.parent
