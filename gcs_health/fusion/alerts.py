@@ -10,13 +10,14 @@ One alarm a cause: after a rotor has failed, what follows in the others (idling 
 told as faults of their own; telemetry that all rotors lose at once is one link's fault, told once.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
 from gcs_health.fusion.alert_table import OF_KIND, ROTOR_FAILED, AlertKind
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
 from gcs_health.fusion.verdicts import Verdict
 
+SURELY_WELL = 0.2  # probability of health above which no code's `raise_at` can be reached
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
@@ -59,11 +60,6 @@ class _Episode:
     shelved_until: float = float("-inf")
 
 
-@dataclass(slots=True)
-class _Waiting:
-    since: dict[Kind, float] = field(default_factory=dict)
-
-
 class AlertDesk:
     """The alert machine of one vehicle."""
 
@@ -71,8 +67,13 @@ class AlertDesk:
         """`count` episodes went before, under another airframe."""
         self._airframe = airframe
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
         self.count = count
+
+    def concerned(self, verdict: Verdict) -> bool:
+        """Whether a verdict could change anything: mostly the rotor is healthy, and nothing is open or waiting."""
+        healthy = verdict.posterior[0][1]
+        return healthy <= SURELY_WELL or bool(self._open) or bool(self._waiting.get(verdict.rotor))
 
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
@@ -123,14 +124,18 @@ class AlertDesk:
         evidence: tuple[tuple[str, float | str], ...],
     ) -> Alert | None:
         row = _row(verdict, family)
-        waiting = self._waiting.setdefault(verdict.rotor, _Waiting()).since
+        waiting = self._waiting.setdefault(verdict.rotor, {})
         key = min(family)
         if probability < row.raise_at or self._explained(verdict.rotor, family):
             waiting.pop(key, None)
+            if not waiting:
+                self._waiting.pop(verdict.rotor, None)
             return None
         if verdict.t - waiting.setdefault(key, verdict.t) < row.hold:
             return None
         waiting.pop(key)
+        if not waiting:
+            del self._waiting[verdict.rotor]
         self.count += 1
         episode = _Episode(self.count, verdict.rotor, family, row, probability, verdict.t, probability)
         self._open[verdict.rotor, family] = episode

@@ -50,7 +50,10 @@ def effectiveness(estimate: Estimate) -> Evidence | None:
         gone, part = SURE + gone - top, SURE + part - top
     else:
         well = _normal(loss, 0.0, max(spread, 0.02))
-        gone, part = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)) - well, _partly(loss, spread) - well
+        gone = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)) - well
+        # the likeliest size stands for all of them: this is asked ten times a second of every rotor
+        nearest = min(max(loss, PARTIAL[0]), PARTIAL[-1])
+        part = _normal(loss, nearest, math.hypot(spread, PART_SPREAD)) - well
         most = -math.log(PRIOR_ODDS[Kind.THRUST_LOSS]) - 2.0  # what no rule has named raises nothing
         gone, part = min(gone, most), min(part, most)
     odds = (

@@ -93,7 +93,11 @@ class RotorPanel:
             if evidence is not None:
                 self._beliefs[k].feed(evidence)
         self._judged = [belief.verdict(t) for belief in self._beliefs]
-        return [alert for k in range(len(self._beliefs)) for alert in self._judge(k, t)]
+        told: list[Alert] = []
+        for belief, verdict in zip(self._beliefs, self._judged, strict=True):
+            if self._desk.concerned(verdict):
+                told += self._desk.feed(verdict, belief.figures())
+        return told
 
     def relation(self, word: AutopilotWord) -> str:
         """Say how the autopilot's word stands to our verdicts: "agrees", "alone" or "contradicts"."""

@@ -35,6 +35,8 @@ PRIOR_ODDS: dict[Kind, float] = {
     Kind.MOTOR_ORDER_WRONG: 1e-4,
 }
 
+_LOG_PRIOR: dict[Kind, float] = {kind: math.log(PRIOR_ODDS[kind]) for kind in FAULTS}
+
 
 class Evidence(NamedTuple):
     """What one source says of one rotor now; it replaces what the source said before.
@@ -124,7 +126,7 @@ class RotorBelief:
     def verdict(self, t: float) -> Verdict:
         """Return the posterior at vehicle time `t` [s]."""
         live = [evidence for evidence in self._evidence.values() if t - evidence.t <= evidence.lasts]
-        odds: dict[Kind, float] = {kind: math.log(PRIOR_ODDS[kind]) for kind in FAULTS}
+        odds = _LOG_PRIOR.copy()
         for evidence in live:
             for kind, ratio in evidence.odds:
                 odds[kind] += min(max(ratio, -BOUND), BOUND)
