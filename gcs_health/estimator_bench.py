@@ -1,6 +1,6 @@
 """The estimators of one vehicle, side by side: who is fed what, and what each has said at its worst."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError
@@ -41,20 +41,22 @@ class EstimatorBench:
                 self.refused[name] = str(error)
         if not self._all and self.refused:
             raise AirframeError(next(iter(self.refused.values())))
-        self._takers: dict[type, list[Estimator]] = {}
+        self._feeds: dict[type, list[Callable[[Reading], list[Estimate]]]] = {}  # of those who take it
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Hand a reading to those who take it; return estimates about whose rotor a decision changed."""
         kind = type(reading)
-        takers = self._takers.get(kind)
-        if takers is None:
-            takers = self._takers[kind] = [each for each in self._all if kind in each.takes]
-        said: list[Estimate] = []
-        for estimator in takers:
-            said += estimator.feed(reading)
-        if said:
-            self._note(said)
-        return said
+        feeds = self._feeds.get(kind)
+        if feeds is None:
+            feeds = self._feeds[kind] = [each.feed for each in self._all if kind in each.takes]
+        all_said: list[Estimate] = []
+        for feed in feeds:
+            said = feed(reading)
+            if said:
+                all_said += said
+        if all_said:
+            self._note(all_said)
+        return all_said
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return the present state of every rotor, estimator by estimator, at vehicle time `t` [s]."""

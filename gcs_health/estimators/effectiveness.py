@@ -105,7 +105,16 @@ class EffectivenessEstimator:
             self._t = t
         elif not self._in_order(t):
             return []
-        changed = self._take(reading)
+        kind = type(reading)
+        if kind is ImuReading:
+            self._inputs.imu_t = t
+            changed = self._core.imu(reading)  # type: ignore[arg-type]
+            if self._bare is not None:
+                changed = self._bare.imu(reading) or changed  # type: ignore[arg-type]
+        elif kind is RotorReading:
+            changed = self._take_speeds(reading)  # type: ignore[arg-type]
+        else:
+            changed = self._take_seldom(reading)
         if self._flight_over and self._flies():
             self._new_flight()
             changed = True
@@ -128,21 +137,12 @@ class EffectivenessEstimator:
         """What commands and rates tell; None once rotor speeds have come, and in paper mode."""
         return self._bare
 
-    def _take(self, reading: Reading) -> bool:
-        """Hand a reading to its part; return whether a decision changed."""
-        kind = type(reading)
-        if kind is ImuReading:
-            self._inputs.imu_t = reading.t
-            changed = self._core.imu(reading)  # type: ignore[arg-type]
-            if self._bare is not None:
-                changed = self._bare.imu(reading) or changed  # type: ignore[arg-type]
-            return changed
-        if kind is RotorReading:
-            return self._take_speeds(reading)  # type: ignore[arg-type]
+    def _take_seldom(self, reading: Reading) -> bool:
+        """Hand on what is neither IMU nor rotor speeds; return whether a decision changed."""
         if isinstance(reading, CommandReading):
             self._inputs.take_commands(reading)
             return self._bare is not None and self._bare.commands(reading)
-        elif isinstance(reading, FlightReading):
+        if isinstance(reading, FlightReading):
             self._take_flight(reading)
         return False
 
@@ -159,7 +159,7 @@ class EffectivenessEstimator:
             return [self._of_paper(core, t, i, common, warming) for i in range(len(self._speeds))]
         if failed is not None:
             return [self._after_failure(core, t, i, failed) for i in range(len(self._speeds))]
-        likelihoods, information = core.bank.standing(core.tick_length)
+        likelihoods, information = core.standing
         probabilities = words.probabilities(core, likelihoods)
         return [
             words.healthy(

@@ -38,7 +38,7 @@ class RecommendedConfig:
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
     freeze_at_most: float = 1.0  # s on end; this project
     refine: float = 0.3  # s after a verdict in which the size of the loss is still learned; this project
-    lesson: float = 0.2  # s of ticks from which is learned at once
+    lesson: float = 0.4  # s of ticks from which is learned at once
     check_every: float = 0.5  # s between looks at gains and geometry
     strikes: int = 3  # successive looks that must contradict the geometry
     bank: BankConfig = field(default_factory=BankConfig)

@@ -41,6 +41,8 @@ class RecommendedBank:
     ----------
     failed : rotor that the rules name, held for the flight; None.
     verdict : the evidence at that moment.
+    standing : of each rotor the largest log likelihood ratio and the information D, as `FaultBank.standing`;
+        renewed with every lesson and whenever a hypothesis is half way, for else it says the same for long.
     open_time, flying_time : how much of the flight could be judged [s].
     """
 
@@ -61,6 +63,7 @@ class RecommendedBank:
         self._calm_limit = config.calm * config.calm
         self.failed: int | None = None
         self.verdict: Verdict = NOTHING
+        self.standing = ([0.0] * n, [0.0] * n)
         self._failed_at = -math.inf
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
@@ -126,6 +129,7 @@ class RecommendedBank:
         self.verdict = NOTHING
         self._row = self._final_row = (-1, 0)
         self.bank.clear()
+        self.standing = self.bank.standing(self.tick_length)
         self.slow.restart()
         self.partial.restart()
 
@@ -193,6 +197,7 @@ class RecommendedBank:
             self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()
+            self.standing = self.bank.standing(self.tick_length)
             self._gathered.clear()
             self._calm_ticks.clear()
             self._gathered_time = 0.0
@@ -312,6 +317,7 @@ class RecommendedBank:
             verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze(t)
+            self.standing = self.bank.standing(self.tick_length)
         elif t > self._frozen_until:
             self._frozen_since = math.nan
         rotor, row = self._row
@@ -366,6 +372,7 @@ class RecommendedBank:
         self._gathered_time = 0.0
         self._learn_noise(lesson, np.array(self._calm_ticks))
         self._calm_ticks.clear()
+        self.standing = self.bank.standing(self.tick_length)
         self.slow.feed(lesson, self.gains.matrix)
         self.partial.feed(lesson, self.gains.matrix)
         self.moments.feed(lesson, self.track.interval, self.tick_length)

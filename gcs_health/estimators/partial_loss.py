@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class PartialConfig:
     """Thresholds and times."""
 
-    windows: tuple[int, int] = (3, 8)  # lessons, shortest and longest
+    windows: tuple[int, int] = (2, 4)  # lessons, shortest and longest
     offset_memory: float = 25.0  # s
     settle: float = 3.0  # s until the offset is believed; this project
     clip: float = 3.5  # sigmas of a lesson's mean, of what teaches the offset

@@ -72,8 +72,7 @@ class AlertDesk:
 
     def concerned(self, verdict: Verdict) -> bool:
         """Whether a verdict could change anything: mostly the rotor is healthy, and nothing is open or waiting."""
-        healthy = verdict.posterior[0][1]
-        return healthy <= SURELY_WELL or bool(self._open) or bool(self._waiting.get(verdict.rotor))
+        return verdict.healthy <= SURELY_WELL or bool(self._open) or bool(self._waiting.get(verdict.rotor))
 
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
@@ -222,7 +221,6 @@ def _row(verdict: Verdict, family: frozenset[Kind]) -> AlertKind:
     """Return the code of the family's likeliest kind, or "failed" while it is not clear which."""
     if len(family) == 1:
         return OF_KIND[next(iter(family))]
-    kind, probability = max(
-        ((kind, p) for kind, p in verdict.posterior if kind in family), key=lambda each: each[1]
-    )
-    return OF_KIND[kind] if probability >= CLEAR_KIND * verdict.of(family) else ROTOR_FAILED
+    kind = max((kind for kind in verdict.weights if kind in family), key=verdict.weights.__getitem__)
+    clear = verdict.weights[kind] >= CLEAR_KIND * verdict.total * verdict.of(family)
+    return OF_KIND[kind] if clear else ROTOR_FAILED

@@ -1,6 +1,6 @@
 """One posterior over kinds of fault for each rotor, from evidence of any subset of sources.
 
-    log odds of kind j against healthy = log prior_j + sum over sources of log P(evidence | j) / P(evidence | healthy)
+    odds of kind j against healthy = prior_j x product over sources of P(evidence | j) / P(evidence | healthy)
 
 Sources are taken as independent given the kind; each one's ratio is bounded, so that no single source decides
 against all others, and what a source said holds until it speaks again or its word has aged away. Where no source
@@ -35,7 +35,7 @@ PRIOR_ODDS: dict[Kind, float] = {
     Kind.MOTOR_ORDER_WRONG: 1e-4,
 }
 
-_LOG_PRIOR: dict[Kind, float] = {kind: math.log(PRIOR_ODDS[kind]) for kind in FAULTS}
+_PRIOR: dict[Kind, float] = {Kind.HEALTHY: 1.0, **{kind: PRIOR_ODDS[kind] for kind in FAULTS}}
 
 
 class Evidence(NamedTuple):
@@ -66,35 +66,53 @@ class Verdict(NamedTuple):
     ----------
     kind : the likeliest; HEALTHY too where `known` is False.
     probability : of `kind`.
-    posterior : of every kind, healthy first.
+    weights : of every kind, healthy first: odds against healthy. total : their sum.
     known : whether a source that sees a loss of thrust has spoken lately.
     since : when `kind` became the likeliest [s].
-    sources : who moved it, the strongest first.
+    evidence : what it rests on.
     """
 
     t: float
     rotor: int
     kind: Kind
     probability: float
-    posterior: tuple[tuple[Kind, float], ...]
+    weights: dict[Kind, float]
+    total: float
     known: bool
     since: float
-    sources: tuple[str, ...]
+    evidence: tuple[Evidence, ...]
 
     @property
     def state(self) -> str:
         """The kind in words; "unknown" where nothing speaks against health because nothing speaks at all."""
         return UNKNOWN if self.kind is Kind.HEALTHY and not self.known else self.kind.value
 
+    @property
+    def posterior(self) -> tuple[tuple[Kind, float], ...]:
+        """Probability of every kind, healthy first."""
+        return tuple((kind, weight / self.total) for kind, weight in self.weights.items())
+
+    @property
+    def healthy(self) -> float:
+        """Probability that nothing is wrong."""
+        return self.weights[Kind.HEALTHY] / self.total
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Who moved it, the strongest first."""
+        moved = [each for each in self.evidence if each.odds]
+        moved.sort(key=lambda each: -max(abs(ratio) for _, ratio in each.odds))
+        return tuple(each.source for each in moved)
+
     def differs(self, before: "Verdict") -> bool:
         """Whether it is worth telling after the one before."""
         moved = abs(before.probability - self.probability)
-        return self.state != before.state or moved >= WORTH_TELLING
+        return moved >= WORTH_TELLING or self.state != before.state
 
     def of(self, kinds: Iterable[Kind]) -> float:
         """Return the probability that the rotor is in any of these states."""
         wanted = frozenset(kinds)
-        return sum(p for kind, p in self.posterior if kind in wanted)
+        return sum(weight for kind, weight in self.weights.items() if kind in wanted) / self.total
 
     @property
     def failed(self) -> float:
@@ -126,22 +144,19 @@ class RotorBelief:
     def verdict(self, t: float) -> Verdict:
         """Return the posterior at vehicle time `t` [s]."""
         live = [evidence for evidence in self._evidence.values() if t - evidence.t <= evidence.lasts]
-        odds = _LOG_PRIOR.copy()
+        weights = _PRIOR.copy()
+        known = False
         for evidence in live:
             for kind, ratio in evidence.odds:
-                odds[kind] += min(max(ratio, -BOUND), BOUND)
-        top = max(0.0, *odds.values())
-        weights: dict[Kind, float] = {Kind.HEALTHY: math.exp(-top)}
-        weights |= {kind: math.exp(v - top) for kind, v in odds.items()}
+                weights[kind] *= math.exp(ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio))
+            known = known or evidence.sees_thrust
         total = sum(weights.values())
-        posterior = tuple((kind, weight / total) for kind, weight in weights.items())
-        kind, probability = max(posterior, key=lambda each: each[1])
+        kind = max(weights, key=weights.__getitem__)
         if kind is not self._kind or self._since != self._since:
             self._kind, self._since = kind, t
-        moved = sorted(live, key=lambda e: -max((abs(ratio) for _, ratio in e.odds), default=0.0))
-        sources = tuple(evidence.source for evidence in moved if evidence.odds)
-        known = any(evidence.sees_thrust for evidence in live)
-        return Verdict(t, self.rotor, kind, probability, posterior, known, self._since, sources)
+        return Verdict(
+            t, self.rotor, kind, weights[kind] / total, weights, total, known, self._since, tuple(live)
+        )
 
     def new_flight(self) -> None:
         """Forget what was held for the flight."""

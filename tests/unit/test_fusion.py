@@ -126,8 +126,8 @@ def verdict(t: float, kind: Kind, p: float, rotor: int = 0, **others: float) -> 
     """A posterior with `p` on one kind, `others` on further ones by name, the rest healthy."""
     share = {kind: p, **{Kind[name]: value for name, value in others.items()}}
     rest = 1.0 - sum(share.values())
-    posterior = ((Kind.HEALTHY, rest), *((k, share.get(k, 0.0)) for k in FAULTS))
-    return Verdict(t, rotor, kind, p, posterior, True, t, ())
+    weights = {Kind.HEALTHY: rest, **{k: share.get(k, 0.0) for k in FAULTS}}
+    return Verdict(t, rotor, kind, p, weights, 1.0, True, t, ())
 
 
 def steps(alerts: list[Alert]) -> list[tuple[str, str, int]]:
