@@ -41,7 +41,7 @@ class EstimatorBench:
                 self.refused[name] = str(error)
         if not self._all and self.refused:
             raise AirframeError(next(iter(self.refused.values())))
-        self._feeds: dict[type, list[Callable[[Reading], list[Estimate]]]] = {}  # of those who take it
+        self._feeds: dict[type, list[Callable[[Reading], Iterable[Estimate]]]] = {}  # of those who take it
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Hand a reading to those who take it; return estimates about whose rotor a decision changed."""

@@ -188,8 +188,9 @@ class FlightGate:
                 break
             total += entry[2]
             count += 1
-        limit = max(c.excess * GRAVITY, c.excess_sigmas * self.excess_sigma)
-        return Closed.CONTACT if total > limit * count else None
+        if total <= c.excess * GRAVITY * count:
+            return None
+        return Closed.CONTACT if total > c.excess_sigmas * self.excess_sigma * count else None
 
     def _turn(self, t: float, reason: Closed | None) -> None:
         if reason is not None:
@@ -206,16 +207,18 @@ class FlightGate:
 
     def _watch_contact(self, t: float, dt: float, excess: float, speeds_low: bool) -> None:
         c = self.config
-        if excess > max(c.contact * GRAVITY, c.contact_sigmas * self.excess_sigma):
+        sigma = self.excess_sigma
+        if excess > c.contact * GRAVITY and excess > c.contact_sigmas * sigma:
             self._contact_at = t
         if speeds_low or not (self.open or excess < 0.0):
             return  # noise has both signs, contact only one: while closed, the free sign alone teaches
-        sigma = self.excess_sigma
-        clipped = min(max(excess, -3.0 * sigma), 3.0 * sigma)
+        variance = sigma * sigma
+        square = min(excess * excess, 9.0 * variance)
         self._taught += dt
-        gain = min(1.0, dt / min(c.excess_memory, max(self._taught, 10.0 * dt)))
-        variance = sigma * sigma + gain * (clipped * clipped - sigma * sigma)
-        self.excess_sigma = max(c.excess_floor, math.sqrt(variance))
+        memory = self._taught if self._taught < c.excess_memory else c.excess_memory
+        gain = dt / memory if memory > 10.0 * dt else 0.1
+        sigma = math.sqrt(variance + gain * (square - variance))
+        self.excess_sigma = sigma if sigma > c.excess_floor else c.excess_floor
 
     def _free_of_contact(self, t: float) -> bool:
         return t - self._contact_at >= self.config.contact_hold

@@ -120,6 +120,7 @@ class RotorTrack:
     Attributes
     ----------
     covered : time up to which every rotor's speed is bracketed by samples [s]; -inf while one has none.
+    interval : usual time between samples [s], NaN while unknown.
     late : readings or samples dropped because they were not newer than the last.
     """
 
@@ -128,6 +129,7 @@ class RotorTrack:
     def __init__(self, rotors: int) -> None:
         self.rotors = rotors
         self.covered = -math.inf
+        self.interval = math.nan
         self.late = 0
         self._step = UsualStep()
         self._row_times: list[float] = []
@@ -136,11 +138,6 @@ class RotorTrack:
         self._run = 0  # complete readings on end while split
         self._times: list[list[float]] = [[] for _ in range(rotors)]
         self._speeds: list[list[float]] = [[] for _ in range(rotors)]
-
-    @property
-    def interval(self) -> float:
-        """Usual time between samples [s], NaN while unknown."""
-        return self._step.value
 
     def feed(self, reading: RotorReading, whole: bool = False) -> bool:
         """Take one reading; return whether `covered` moved. `whole` = known to be complete."""
@@ -192,6 +189,7 @@ class RotorTrack:
             return False
         if self.covered > -math.inf:
             self._step.feed(covered - self.covered)
+            self.interval = self._step.value
         self.covered = covered
         return True
 
