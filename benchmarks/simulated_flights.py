@@ -5,9 +5,9 @@
 Sensor values go straight to the estimator, without MAVLink between. A quarter of the flights each hovers, moves
 at random, flies aggressively, and forward at 8 m/s, in a light wind of 4 m/s; every one loses a propeller at a
 random time, and what it flew before with the gate open counts as healthy. Each is flown once and its telemetry
-thinned out to every rate. Rotor speeds carry the time of their measurement, or, with `--late`, of their sending.
-The gains are not given: they are learned in flight. Seeds 1000 on were looked at while rules were chosen;
-report with others.
+thinned out to every rate; motor commands come with `--commands`. Rotor speeds carry the time of their
+measurement, or, with `--late`, of their sending. The gains are not given: they are learned in flight. Seeds 1000
+on were looked at while rules were chosen; report with others.
 """
 
 import argparse
@@ -49,14 +49,18 @@ def thinned(flights: Flights, imu_rate: float, esc_rate: float, late: bool) -> F
         rotor_t=flights.rotor_t[::esc] + (LATENCY + 0.5 * min(1.0 / esc_rate, 0.01) if late else 0.0),
         speed=flights.speed[::esc],
         current=flights.current[::esc],
+        command_t=flights.command_t[::imu],
+        command=flights.command[::imu],
     )
 
 
-def verdict(flights: Flights, flight: int, airframe: Airframe, lost_at: float) -> tuple[float, int, float]:
+def verdict(
+    flights: Flights, flight: int, airframe: Airframe, lost_at: float, commands: bool = False
+) -> tuple[float, int, float]:
     """Return (time, rotor) of the first failure named, NaN and -1 if none, and seconds of open gate before."""
     estimator = EffectivenessEstimator(airframe)
     flown = 0.0
-    for reading in flights.readings(flight):
+    for reading in flights.readings(flight, commands):
         told = estimator.feed(reading)
         if reading.t < lost_at and estimator.bank is not None:
             flown = estimator.bank.open_time
@@ -78,6 +82,7 @@ def main() -> None:
     parser.add_argument("--vehicles", nargs="*", default=["bebop2", "ghalamchi_large"])
     parser.add_argument("--rates", nargs="*", default=["250/250", "100/50", "50/50", "50/10"])
     parser.add_argument("--late", action="store_true")
+    parser.add_argument("--commands", action="store_true", help="motor commands too, at the IMU's rate")
     args = parser.parse_args()
     print(
         "| vehicle | IMU/ESC Hz | healthy min | false alarms | lost: found | right | median ms | 97.5 % ms |"
@@ -105,7 +110,7 @@ def fly(
     for rates in args.rates:
         flights = thinned(flown, *(float(rate) for rate in rates.split("/")), late=args.late)
         for k in range(args.flights):
-            t, named, healthy = verdict(flights, k, airframe, BOOTED + at[k])
+            t, named, healthy = verdict(flights, k, airframe, BOOTED + at[k], args.commands)
             delay = t - BOOTED - at[k]
             what = "missed" if delay != delay else "early" if delay < 0.0 else "found"
             if what == "found" and named != rotor[k]:

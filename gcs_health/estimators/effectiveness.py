@@ -141,6 +141,8 @@ class EffectivenessEstimator:
         """Hand on what is neither IMU nor rotor speeds; return whether a decision changed."""
         if isinstance(reading, CommandReading):
             self._inputs.take_commands(reading)
+            if isinstance(self._core, RecommendedBank):
+                self._core.commands(reading)
             return self._bare is not None and self._bare.commands(reading)
         if isinstance(reading, FlightReading):
             self._take_flight(reading)

@@ -7,10 +7,12 @@ from gcs_health.calibration.control_effectiveness import EffectivenessPrior
 from gcs_health.calibration.geometry_check import GeometryConfig
 from gcs_health.calibration.residual_noise import NoiseConfig
 from gcs_health.calibration.time_shift import ShiftConfig
+from gcs_health.estimators.commanded_speeds import CommandConfig
 from gcs_health.estimators.contradiction import ContradictionConfig
 from gcs_health.estimators.effectiveness_paper import PaperConfig
 from gcs_health.estimators.fault_bank import BankConfig
 from gcs_health.estimators.hover_trim import TrimConfig
+from gcs_health.estimators.motion import MotionConfig
 from gcs_health.estimators.partial_loss import PartialConfig
 from gcs_health.estimators.slow_effectiveness import SlowConfig
 from gcs_health.estimators.stopped_motor import StoppedConfig
@@ -30,9 +32,9 @@ class RecommendedConfig:
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
     shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away
-    drag_scale: float = 4.0  # m/s², from one small craft
-    body_rate_scale: float = 4.0  # rad/s, likewise
-    motion_time: float = 0.2  # s, low pass of both, so that a fault does not blind itself
+    rotor_time: float = 0.04  # s, time constant of a rotor's speed
+    bend: float = 1.1  # of the deviation from a straight line between rotor speeds; this project
+    bend_commanded: float = 0.3  # likewise where commands tell how speeds move; this project
     calm: float = 2.0  # sigmas; a tick within accuses nobody and need not be judged by itself
     wait: float = 0.01  # s; rotor speeds as fast as that are waited for rather than held
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
@@ -47,6 +49,8 @@ class RecommendedConfig:
     prior: EffectivenessPrior = field(default_factory=EffectivenessPrior)
     shift: ShiftConfig = field(default_factory=ShiftConfig)
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    commands: CommandConfig = field(default_factory=CommandConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
     slow: SlowConfig = field(default_factory=SlowConfig)
     partial: PartialConfig = field(default_factory=PartialConfig)
 

@@ -2,7 +2,7 @@
 
     y   = ((p_n - p_(n-1)) / dt, likewise q and r, a_z) of ticks of some 8 ms
     r   = y - sum h_i - b
-    R_t = R[age] x growth x kappa x (1 + |a_xy|²/4² + |Omega|²/4²)² + model error
+    R_t = R[age] x growth x kappa x motion + model error
 
 Ticks later than the last rotor speeds are judged with those speeds held and the covariance of their
 age, and once more when the next speeds arrive: a decision can fall on either message.
@@ -22,16 +22,18 @@ from numpy.typing import NDArray
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.calibration.control_effectiveness import ControlEffectiveness
 from gcs_health.calibration.residual_noise import ResidualNoise
+from gcs_health.estimators.commanded_speeds import CommandedSpeeds
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
 from gcs_health.estimators.lesson import Lesson
 from gcs_health.estimators.moment_learning import MomentLearning
+from gcs_health.estimators.motion import Motion
 from gcs_health.estimators.partial_loss import PartialLoss
 from gcs_health.estimators.residual_model import Evidence, Push, Step, calm, push, residual, step_between
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import Closed, FlightGate
-from gcs_health.samples import ImuReading, RotorReading
+from gcs_health.samples import CommandReading, ImuReading, RotorReading
 
 
 class RecommendedBank:
@@ -53,7 +55,9 @@ class RecommendedBank:
         self.gains = ControlEffectiveness(airframe, config.prior)
         self.blocks = ImuBlocks(config.tick)
         self.track = RotorTrack(n)
+        self.commanded = CommandedSpeeds(n, config.commands)
         self.noise = ResidualNoise(config.noise)
+        self.motion = Motion(config.motion)
         self.bank = FaultBank(n, 4 if self.gains.has_yaw else 3, config.bank)
         self.gate = FlightGate(n, config.gate)
         self.moments = MomentLearning(self.gains, config)
@@ -75,7 +79,6 @@ class RecommendedBank:
         self._held_pass = (-math.inf, -1)  # last tick that passed on held speeds, and its rotor
         self._in_bank = 0  # pending ticks that the bank has seen
         self._newest_learned = -math.inf
-        self._motion = (0.0,) * 5  # a_x, a_y, p, q, r, low-passed
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._gathered: list[tuple[Step, Evidence]] = []  # final ticks of the next lesson
@@ -114,9 +117,16 @@ class RecommendedBank:
 
     def rotor_speeds(self, reading: RotorReading, whole: bool = False) -> bool:
         """Take one reading, known to be complete if `whole`; return whether a verdict fell."""
-        if self.track.feed(reading, whole) and self._pending and self.gate.open:
+        moved = self.track.feed(reading, whole)
+        if whole and not self.track.interval <= self.config.slow_rotor_speeds:
+            self.commanded.learn(reading.t, reading.speed)
+        if moved and self._pending and self.gate.open:
             return self._evaluate()
         return False
+
+    def commands(self, reading: CommandReading) -> None:
+        """Take the motor commands: they tell how speeds move between slow samples."""
+        self.commanded.command(reading)
 
     def rate_too_low(self) -> bool:
         """Whether a loss cannot be seen in time at these message rates."""
@@ -138,7 +148,7 @@ class RecommendedBank:
         dt = t - before.t
         track = self.track
         shift = self.shift.shift
-        speeds = track.at(t - shift)
+        speeds = self._speeds_at(t - shift)
         if not self.gains.thrust_given and self.failed is None:
             self.gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
         blocked = None
@@ -151,7 +161,7 @@ class RecommendedBank:
         age = t - track.covered
         is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
         self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
-        inflation = self._inflation(tick, dt)
+        inflation = self.motion.inflation(tick, dt)
         if not is_open or not was_open:
             self._start_over(speeds, opened=is_open)
             return False
@@ -162,23 +172,6 @@ class RecommendedBank:
         if track.interval <= min(self.tick_length, self.config.wait) and age < 1.5 * track.interval:
             return False  # the next rotor speeds bracket this tick within less than a tick
         return self._provisional(len(self._pending) - 1)
-
-    def _inflation(self, tick: Tick, dt: float) -> float:
-        """Return by how much the vehicle's motion raises the residual's variance."""
-        c = self.config
-        gain = dt / c.motion_time
-        if gain > 1.0:
-            gain = 1.0
-        ax, ay, p, q, r = self._motion
-        ax += gain * (tick.ax - ax)
-        ay += gain * (tick.ay - ay)
-        p += gain * (tick.p - p)
-        q += gain * (tick.q - q)
-        r += gain * (tick.r - r)
-        self._motion = (ax, ay, p, q, r)
-        push = (ax * ax + ay * ay) / c.drag_scale**2
-        spin = (p * p + q * q + r * r) / c.body_rate_scale**2
-        return (1.0 + push + spin) ** 2
 
     def _count_time(self, dt: float, age: float, is_open: bool) -> None:
         if is_open:
@@ -227,7 +220,7 @@ class RecommendedBank:
         del pending[:done]
         self._held_push = None
         if pending:
-            self._held_speeds = [self.track.at(step.t - shift) for step in pending]
+            self._held_speeds = [self._speeds_at(step.t - shift) for step in pending]
             for position in range(len(pending)):
                 fell = self._provisional(position) or fell
         else:
@@ -239,11 +232,12 @@ class RecommendedBank:
         gains, noise = self.gains, self.noise
         before = self._push
         assert before is not None
-        now = self._push = push(self.track.at(t - self.shift.shift), gains)
+        now = self._push = push(self._speeds_at(t - self.shift.shift), gains)
         e = residual(step, before, now, gains.has_yaw)
         variances = noise.variances(0)
         speeds = (before.speeds, now.speeds)
-        tick = Evidence(e, noise.offset, variances, step.inflation, *speeds, gains.matrix, gains.doubt)
+        bend = self._bend(step.dt)
+        tick = Evidence(e, noise.offset, variances, step.inflation, *speeds, gains.matrix, gains.doubt, bend)
         look = self._suspects(t) or not calm(tick, self._calm_limit)
         self.bank.add_final(tick, -e[3])
         fell = self._judge(t, True, look)
@@ -255,6 +249,26 @@ class RecommendedBank:
             if self._gathered_time >= self.config.lesson:
                 fell = self._learn(t) or fell
         return fell
+
+    def _speeds_at(self, t: float) -> Sequence[float]:
+        """Return the rotor speeds at time t [s]: between and beyond slow samples, moving as commanded."""
+        speeds = self.track.at(t)
+        if not self.commanded.trusted or self.track.interval <= self.config.slow_rotor_speeds:
+            return speeds
+        return self.commanded.corrected(speeds, t, *self.track.around(t))
+
+    def _bend(self, dt: float) -> float:
+        """Return the share of a rotor's part, per relative change of u within `dt` [s], that slow speeds hide.
+
+        A rotor of time constant tau that moves by D between two samples T apart leaves the straight line
+        between them by some D T / 8 tau.
+        """
+        c = self.config
+        interval = self.track.interval
+        if not interval > dt:
+            return 0.0
+        bend = c.bend_commanded if self.commanded.trusted else c.bend
+        return bend * interval * interval / (8.0 * c.rotor_time * dt)
 
     def _suspects(self, t: float) -> bool:
         """Whether a hypothesis is, or just was, half way: every tick counts then, calm or not."""

@@ -32,7 +32,7 @@ class Lesson:
         self.length = float(np.add.reduce(self.dt))
         self.measured: Array = columns[:, 2:4]
         self.inflation: Array = columns[:, 6]
-        e, _, variances, _, w0, w1, _, _ = zip(*evidence, strict=True)
+        e, _, variances, _, w0, w1, *_ = zip(*evidence, strict=True)
         self.e: Array = np.array(e)
         self.predicted: Array = self.measured - self.e[:, :2]
         self.variances: Array = np.array(variances) * self.inflation[:, None]

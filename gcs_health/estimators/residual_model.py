@@ -67,6 +67,7 @@ class Evidence(NamedTuple):
     w1: Sequence[float]  # and at the end
     matrix: Array  # (4, n) gains G at that time
     doubt: tuple[float, float] = (0.0, 0.0)  # relative standard deviations of roll and pitch gains
+    bend: float = 0.0  # share per relative change of u: what a straight line between speeds may miss
 
 
 def push(speeds: Sequence[float], gains: ControlEffectiveness) -> Push:
@@ -134,7 +135,7 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
-    *vectors, matrices, doubts = zip(*ticks, strict=True)
+    *vectors, matrices, doubts, bends = zip(*ticks, strict=True)
     e, offset, variances, inflation, w0, w1 = (np.array(vector) for vector in vectors)
     # gains change seldom: mostly all ticks have the same
     matrix = np.array(matrices[:1] if all(one is matrices[0] for one in matrices) else matrices)
@@ -144,7 +145,7 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     h = matrix * mean[:, None, :]
     h[:, 3] = matrix[:, 3] * u1
     h2 = h * h
-    share = np.abs(u1 - u0) / (mean + 1.0) * error[1] + error[0]
+    share = np.abs(u1 - u0) / (mean + 1.0) * (error[1] + np.array(bends))[:, None] + error[0]
     model = (h2 * (share * share)[:, None, :]).sum(axis=2)
     model[:, :2] += (np.array(doubts) * h[:, :2].sum(axis=2)) ** 2
     weight = 1.0 / (variances * inflation[:, None] + model)

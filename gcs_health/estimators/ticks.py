@@ -184,6 +184,16 @@ class RotorTrack:
         share = (t - times[j - 1]) / (times[j] - times[j - 1])
         return [low + share * (high - low) for low, high in zip(rows[j - 1], rows[j], strict=True)]
 
+    def around(self, t: float) -> tuple[float, float]:
+        """Return the times of the samples on either side of t [s], infinite where none is; whole rows only."""
+        times = self._row_times
+        after = math.inf
+        for time in reversed(times):
+            if time <= t:
+                return time, after
+            after = time
+        return -math.inf, after
+
     def _cover(self, covered: float) -> bool:
         if covered <= self.covered:
             return False
