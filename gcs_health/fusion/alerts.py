@@ -13,11 +13,11 @@ told as faults of their own; telemetry that all rotors lose at once is one link'
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
-from gcs_health.fusion.alert_table import OF_KIND, ROTOR_FAILED, AlertKind
+from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.verdicts import Verdict
 
-SURELY_WELL = 0.2  # probability of health above which no code's `raise_at` can be reached
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
@@ -63,21 +63,29 @@ class _Episode:
 class AlertDesk:
     """The alert machine of one vehicle."""
 
-    def __init__(self, airframe: Airframe, count: int = 0) -> None:
+    def __init__(self, airframe: Airframe, count: int = 0, rules: Rules | None = None) -> None:
         """`count` episodes went before, under another airframe."""
         self._airframe = airframe
+        self.set_rules(rules or Rules())
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
         self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
         self.count = count
 
+    def set_rules(self, rules: Rules) -> None:
+        """Go on under these rules; what is open stays so until they clear it."""
+        self._rules = rules
+        self._surely_well = 1.0 - rules.least  # no code's `raise_at` can be reached beside so much health
+
     def concerned(self, verdict: Verdict) -> bool:
         """Whether a verdict could change anything: mostly the rotor is healthy, and nothing is open or waiting."""
-        return verdict.healthy <= SURELY_WELL or bool(self._open) or bool(self._waiting.get(verdict.rotor))
+        return (
+            verdict.healthy <= self._surely_well or bool(self._open) or bool(self._waiting.get(verdict.rotor))
+        )
 
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
         told = []
-        for family in _FAMILIES:
+        for family in FAMILIES:
             probability = verdict.of(family)
             episode = self._open.get((verdict.rotor, family))
             if episode is None:
@@ -122,7 +130,9 @@ class AlertDesk:
         probability: float,
         evidence: tuple[tuple[str, float | str], ...],
     ) -> Alert | None:
-        row = _row(verdict, family)
+        row = self._row(verdict, family)
+        if row is None:
+            return None
         waiting = self._waiting.setdefault(verdict.rotor, {})
         key = min(family)
         if probability < row.raise_at or self._explained(verdict.rotor, family):
@@ -140,11 +150,21 @@ class AlertDesk:
         self._open[verdict.rotor, family] = episode
         return self._step(verdict.t, episode, "raised", probability, evidence)
 
+    def _row(self, verdict: Verdict, family: frozenset[Kind]) -> AlertKind | None:
+        """Return the code of the family's likeliest kind, or "failed" while unclear; None = not told."""
+        if len(family) == 1:
+            return self._rules.row(next(iter(family)))
+        kind, probability = max(
+            ((kind, p) for kind, p in verdict.posterior if kind in family), key=lambda each: each[1]
+        )
+        clear = probability >= CLEAR_KIND * verdict.of(family)
+        return self._rules.row(kind) if clear else self._rules.failed
+
     def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
         """Whether another rotor's failure is cause enough for what this one shows."""
         return any(
             episode.rotor != rotor and episode.family is FAILED_FAMILY for episode in self._open.values()
-        ) and family not in (_TELEMETRY,)
+        ) and family not in (TELEMETRY,)
 
     def _go_on(
         self,
@@ -160,8 +180,8 @@ class AlertDesk:
         episode.calm_since = None
         if probability < episode.row.raise_at:
             return None
-        row = _row(verdict, episode.family)
-        if row is not episode.row and row is not ROTOR_FAILED:
+        row = self._row(verdict, episode.family)
+        if row is not None and row.code not in (episode.row.code, ROTOR_FAILED.code):
             episode.row = row
             episode.shelved_until = float("-inf")
             return self._tell(t, episode, "escalated", probability, evidence)
@@ -213,14 +233,5 @@ class AlertDesk:
 
 
 FAILED_FAMILY = FAILED
-_TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
-_FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
-
-
-def _row(verdict: Verdict, family: frozenset[Kind]) -> AlertKind:
-    """Return the code of the family's likeliest kind, or "failed" while it is not clear which."""
-    if len(family) == 1:
-        return OF_KIND[next(iter(family))]
-    kind = max((kind for kind in verdict.weights if kind in family), key=verdict.weights.__getitem__)
-    clear = verdict.weights[kind] >= CLEAR_KIND * verdict.total * verdict.of(family)
-    return OF_KIND[kind] if clear else ROTOR_FAILED
+TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
+FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
