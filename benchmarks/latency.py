@@ -142,7 +142,10 @@ def load(name: str, frames: Frames) -> str:
     for t, frame in frames:
         monitor.feed(frame, int(1.7e15 + t * 1e6))
     used = time.process_time() - begin
-    return f"| {name} | {len(frames) / frames[-1][0]:.0f} | {100 * used / frames[-1][0]:.0f} % | {1e6 * used / len(frames):.0f} |"
+    span = frames[-1][0]
+    return (
+        f"| {name} | {len(frames) / span:.0f} | {100 * used / span:.0f} % | {1e6 * used / len(frames):.0f} |"
+    )
 
 
 def main() -> None:

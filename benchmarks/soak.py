@@ -1,11 +1,12 @@
-"""A long simulated session, received live and recorded: does memory stay, is a frame lost?
+"""A long simulated session, received live and recorded: whether memory stays, and whether a frame is lost.
 
     python benchmarks/soak.py --hours 2 --speed 10 > benchmarks/soak.md
 
-One flight of ten minutes is simulated, from before arming to after landing, and sent again and again over UDP, each
-time after the vehicle has rebooted, so many times faster than it flew, to a `gcs-health live --record`. Its resident
-memory is read every so often from the kernel (Linux); at the end the frames in the recording are counted against those
-sent. Memory is flat where the second half's largest is within 10 % of the first half's, the first flight left out.
+One flight of ten minutes is simulated, from before arming to after landing, and sent again and again over UDP,
+each time after the vehicle has rebooted, so many times faster than it flew, to a `gcs-health live --record`. Its
+resident memory is read after every flight from the kernel (Linux); at the end the frames in the recording are counted
+against those sent. Memory is flat where the second half's largest is within 10 % of the first half's, the first
+flight left out.
 """
 
 import argparse
