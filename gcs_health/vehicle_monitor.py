@@ -99,6 +99,7 @@ class VehicleMonitor:
         self.is_vehicle = False
         self.uid: str | None = None
         self.airframe: Airframe | None = None
+        self.custom_mode: int | None = None  # as the last HEARTBEAT said
         self.first_t = self.last_t = math.nan
         self.last_us = 0
         self.gaps: list[tuple[float, float]] = []
@@ -173,6 +174,45 @@ class VehicleMonitor:
         estimator = self._bench.effectiveness if self._bench is not None else None
         return estimator.bank if estimator is not None else None
 
+    def set_tap(self, tap: "Tap | None") -> None:
+        """Let another hear the readings from now on."""
+        self._tap = tap
+
+    @property
+    def armed(self) -> bool | None:
+        """As the last HEARTBEAT said; None if unheard."""
+        return self._armed
+
+    @property
+    def landed(self) -> bool | None:
+        """As the autopilot said last; None if it has not."""
+        return self._landed
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """The last verdict of every rotor; empty before the first."""
+        return self._panel.verdicts if self._panel is not None else []
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why an estimator cannot work on this airframe, by its name."""
+        return self._bench.refused if self._bench is not None else {}
+
+    def acknowledge(self, number: int) -> list[Event]:
+        """Take that the operator has seen an alert episode; return what that causes."""
+        return self._operator(self._panel.acknowledge(number, self.last_t) if self._panel else [])
+
+    def shelve(self, number: int, seconds: float) -> list[Event]:
+        """Take that the operator wants silence on an episode for so long [s]; 0 ends it."""
+        until = self.last_t + seconds
+        return self._operator(self._panel.shelve(number, self.last_t, until) if self._panel else [])
+
+    def _operator(self, alerts: list[Alert]) -> list[Event]:
+        before = len(self._pending)
+        self._alerts(alerts)
+        told, self._pending = self._pending[before:], self._pending[:before]
+        return told
+
     def estimates(self) -> list[Estimate]:
         """Return the present state of every rotor, estimator by estimator."""
         return self._bench.estimates(self.last_t) if self._bench is not None else []
@@ -213,6 +253,7 @@ class VehicleMonitor:
             return
         changed = (sample.autopilot, sample.vehicle_type) != (self.autopilot, self.vehicle_type)
         self.autopilot, self.vehicle_type = sample.autopilot, sample.vehicle_type
+        self.custom_mode = sample.custom_mode
         if not self.is_vehicle:
             self._now_a_vehicle()
         elif changed:

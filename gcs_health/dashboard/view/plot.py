@@ -1,0 +1,84 @@
+"""Curves in braille, two dots by four a cell, and sparklines; the curve that matters is drawn last."""
+
+import math
+from collections.abc import Sequence
+
+from gcs_health.dashboard.view.lines import Line
+
+BARS = "▁▂▃▄▅▆▇█"
+DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+GUTTER = 6  # cells of the scale at the left
+
+Curve = tuple[Sequence[float], str]  # values at `times`, style
+
+
+def sparkline(values: Sequence[float], cells: int) -> str:
+    """Render values of 0..1 in so many cells, each the most of its share; a dot where nothing is known."""
+    out = []
+    for k in range(cells):
+        share = values[
+            k * len(values) // cells : max((k + 1) * len(values) // cells, k * len(values) // cells + 1)
+        ]
+        known = [value for value in share if value == value]
+        out.append(BARS[min(int(max(known) * 7.999), 7)] if known else "·")
+    return "".join(out)
+
+
+def plot(
+    times: Sequence[float],
+    curves: Sequence[Curve],
+    cells: int,
+    rows: int,
+    ends: tuple[float, float],
+    scale: tuple[float, float] | None = None,
+    mark: float = math.nan,
+    digits: int = 1,
+) -> list[Line]:
+    """Render curves over `ends` in time; `scale` is least and most, else what they need.
+
+    `mark` is a time drawn as a vertical line.
+    """
+    wide = max(cells - GUTTER - 1, 4)
+    low, high = scale or _range([values for values, _ in curves])
+    grid = [[0] * wide for _ in range(rows)]
+    styles = [[""] * wide for _ in range(rows)]
+    length = (ends[1] - ends[0]) or 1.0
+    for values, style in curves:
+        before = -1
+        for t, value in zip(times, values, strict=True):
+            if value != value or not ends[0] <= t <= ends[1]:
+                before = -1
+                continue
+            x = min(int((t - ends[0]) / length * 2 * wide), 2 * wide - 1)
+            y = min(max(int((high - value) / (high - low) * (4 * rows - 1) + 0.5), 0), 4 * rows - 1)
+            for dot in range(min(before, y), max(before, y) + 1) if before >= 0 else (y,):
+                grid[dot // 4][x // 2] |= DOTS[x & 1][dot & 3]
+                styles[dot // 4][x // 2] = style
+            before = y
+    at = int((mark - ends[0]) / length * wide) if ends[0] <= mark <= ends[1] else -1
+    labels = {0: f"{high:.{digits}f}", rows - 1: f"{low:.{digits}f}"}
+    return [
+        ((labels.get(row, "").rjust(GUTTER), "dim"), ("│", "dim"), *_cells(grid[row], styles[row], at))
+        for row in range(rows)
+    ]
+
+
+def _cells(dots: list[int], styles: list[str], mark: int) -> Line:
+    out: list[tuple[str, str]] = []
+    for x, value in enumerate(dots):
+        sign, style = (chr(0x2800 + value), styles[x]) if value else ("┊", "dim") if x == mark else (" ", "")
+        if out and out[-1][1] == style:
+            out[-1] = (out[-1][0] + sign, style)
+        else:
+            out.append((sign, style))
+    return tuple(out)
+
+
+def _range(curves: Sequence[Sequence[float]]) -> tuple[float, float]:
+    known = [value for values in curves for value in values if math.isfinite(value)]
+    if not known:
+        return 0.0, 1.0
+    low, high = min(known), max(known)
+    if high - low < 1e-9:
+        return low - 0.5, high + 0.5
+    return low, high

@@ -1,0 +1,166 @@
+"""The whole screen: snapshot, state and size → a frame of lines, and what a click on them means."""
+
+from typing import NamedTuple
+
+from gcs_health.dashboard.snapshot import Snapshot, VehicleShot
+from gcs_health.dashboard.state import Page, State
+from gcs_health.dashboard.view import airframe, alerts, link, rotors
+from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, sides, title
+from gcs_health.dashboard.view.overlays import laid_over, overlay
+from gcs_health.dashboard.view.timeline import timeline
+from gcs_health.dashboard.view.top import banner, head, strip
+
+SMALLEST = (40, 12)  # columns and rows below which only the verdict is shown
+WIDE, TALL = 120, 34  # from here on plots and the blind-band map find room
+MAP = 24  # cells of the airframe on a small screen
+
+
+class Zone(NamedTuple):
+    """Cells that can be clicked: `kind` is "entry", "motor", "key" or "timeline", `value` which."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    kind: str
+    value: str
+
+
+class Frame(NamedTuple):
+    """Exactly as many lines as the screen has, each exactly as wide."""
+
+    lines: tuple[Line, ...]
+    zones: tuple[Zone, ...]
+
+
+def render(snapshot: Snapshot, state: State, cells: int, rows: int) -> Frame:
+    """Return the frame."""
+    vehicle = snapshot.vehicle(state.vehicle)
+    name = vehicle.name if vehicle is not None else ""
+    zones: list[Zone] = []
+    top = [head(snapshot, vehicle, cells)]
+    if len(snapshot.vehicles) > 1:
+        top.append(strip(snapshot, name, cells))
+        zones.append(Zone(0, 1, cells, 2, "key", "v"))
+    zones.append(Zone(0, len(top), cells, len(top) + 1, "key", "enter"))
+    top.append(banner(snapshot, vehicle, cells))
+    bottom = [_footer(snapshot, state, vehicle, cells)]
+    if snapshot.replay is not None:
+        bottom.insert(0, timeline(snapshot.replay, cells))
+        zones.append(Zone(0, rows - 2, cells, rows - 1, "timeline", ""))
+    room = max(rows - len(top) - len(bottom), 0)
+    if cells < SMALLEST[0] or rows < SMALLEST[1]:
+        body = fill([], room)
+    else:
+        body, found = _body(snapshot, state, vehicle, cells, room)
+        zones += [zone._replace(top=zone.top + len(top), bottom=zone.bottom + len(top)) for zone in found]
+    body = laid_over(body, overlay(snapshot, state, cells), cells)
+    lines = [*top, *body, *bottom][-rows:] if rows < len(top) + len(bottom) else [*top, *body, *bottom]
+    zones += _hint_zones(snapshot, state, vehicle, cells, rows)
+    return Frame(tuple(fit(each, cells) for each in lines), tuple(zones))
+
+
+def _body(
+    snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int, rows: int
+) -> tuple[list[Line], list[Zone]]:
+    if state.page is Page.WHY:
+        return alerts.why(snapshot, state, cells, rows), []
+    if state.page is Page.LINK:
+        return link.link_page(snapshot, vehicle, cells, rows), []
+    if state.page is Page.ALERTS:
+        return _alerts(snapshot, state, vehicle, cells, rows)
+    if vehicle is None:
+        return _nobody(snapshot, cells, rows)
+    if state.page is Page.ROTOR:
+        return alerts.rotor_page(vehicle, state.motor, cells, rows), []
+    return _overview(snapshot, state, vehicle, cells, rows)
+
+
+def _nobody(snapshot: Snapshot, cells: int, rows: int) -> tuple[list[Line], list[Zone]]:
+    lines = [BLANK, line(f"   {snapshot.waiting}"), BLANK]
+    lines += [line((f"   {endpoint}", "bold")) for endpoint in snapshot.link.endpoints]
+    if snapshot.waiting == "listening":
+        lines += [
+            BLANK,
+            line(("   Is the vehicle sending here, and does no other program hold the port?", "dim")),
+        ]
+    return fill(lines, rows), []
+
+
+def _alerts(
+    snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int, rows: int, top: int = 0
+) -> tuple[list[Line], list[Zone]]:
+    lines, keys = alerts.alert_list(snapshot, state, cells, rows, vehicle.t if vehicle is not None else 0.0)
+    zones = [Zone(0, top + k, cells, top + k + 1, "entry", key) for k, key in enumerate(keys) if key]
+    return lines, zones
+
+
+def _overview(
+    snapshot: Snapshot, state: State, vehicle: VehicleShot, cells: int, rows: int
+) -> tuple[list[Line], list[Zone]]:
+    """Return airframe and table side by side, the list below; on large screens plots and the blind-band map."""
+    large = cells >= WIDE and rows >= TALL
+    n = len(vehicle.rotors)
+    wide = MAP if cells < 100 else min(cells // 3, 52)
+    right = cells - wide - 2
+    listed = max(rows // 4, 4)
+    high = rows - listed - (5 if large else 0)
+    below = n + 1 <= high - (n + 3)  # the sparklines have a place of their own
+    block = rotors.table(vehicle.rotors, right, not below)
+    if large and high - len(block) >= 8 and vehicle.rows:
+        ends = (vehicle.rows[-1].t - 60.0, vehicle.rows[-1].t)
+        worst = max(range(n), key=lambda k: vehicle.rotors[k].level) if n else -1
+        concerned = worst if n and vehicle.rotors[worst].level > 1 else -1
+        block += [title("last minute", right)]
+        block += alerts.quarters(vehicle.rows, concerned, right, high - len(block), ends, float("nan"))
+    elif below:
+        block += rotors.sparklines(vehicle.rotors, right)
+    used = max(min(max(len(block), 12), high), min(len(block), rows - 2))
+    left = [title("airframe", wide), *airframe.airframe_map(vehicle.rotors, wide, used - 1)]
+    lines = fill(beside(left, wide, block), used)
+    zones = [
+        Zone(x0, y0 + 1, x1, y1 + 1, "motor", str(motor))
+        for x0, y0, x1, y1, motor in airframe.zones(vehicle.rotors, wide, used - 1)
+    ]
+    zones += [
+        Zone(wide + 2, 2 + k, cells, 3 + k, "motor", str(rotor.motor))
+        for k, rotor in enumerate(vehicle.rotors)
+    ]
+    if large:
+        lines += [*fill(link.blind_map(vehicle, cells), 4)]
+    found, more = _alerts(snapshot, state, vehicle, cells, rows - len(lines), len(lines))
+    return lines + found, zones + more
+
+
+def _hints(snapshot: Snapshot, state: State) -> list[tuple[str, str, str]]:
+    """Return (key, shown key, what it does), the least needed first."""
+    hints = [("tab", "tab", f"{state.page.value}▸"), ("question_mark", "?", "help"), ("q", "q", "quit")]
+    if state.page is Page.WHY:
+        hints = [("a", "a", "ack"), ("s", "s", "shelve"), ("escape", "esc", "back"), *hints[1:]]
+    elif snapshot.replay is not None:
+        hints = [("space", "space", "pause"), ("n", "n", "next alert"), *hints]
+    elif any(entry.kind == "alert" and entry.open for entry in snapshot.entries):
+        hints = [("a", "a", "ack"), *hints]
+    return hints
+
+
+def _footer(snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int) -> Line:
+    hints: list[tuple[str, str]] = []
+    for _, shown, what in _hints(snapshot, state):
+        hints += [(shown, "key"), (f":{what} ", "dim")]
+    if state.said:
+        return sides(line((state.said, "bold")), tuple(hints), cells)
+    if snapshot.ended:
+        return sides(line((snapshot.ended, "bold")), tuple(hints), cells)
+    return sides(link.link_line(snapshot, vehicle), tuple(hints), cells)
+
+
+def _hint_zones(
+    snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int, rows: int
+) -> list[Zone]:
+    zones, at = [], cells
+    for key, shown, what in reversed(_hints(snapshot, state)):
+        left = at - len(shown) - len(what) - 2
+        zones.append(Zone(left, rows - 1, at, rows, "key", key))
+        at = left
+    return zones
