@@ -91,7 +91,7 @@ class EntryBook:
 
     def notice(self, text: str, us: int) -> None:
         """Take a notice of the links, the recorder or a sink."""
-        self._put(Entry(self._key(), "", us * 1e-6, us, "notice", NOTICE, "program", text))
+        self._put(Entry(self._key(), "", NAN, us, "notice", NOTICE, "program", text))
 
     def failed_motors(self, vehicle: str) -> dict[int, str]:
         """Return what open alerts say of motors that failed, in words."""

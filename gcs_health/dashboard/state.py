@@ -200,7 +200,8 @@ def _why(state: State, snapshot: Snapshot) -> Result:
         return replace(state, said="no alert to explain"), ()
     if state.page is Page.WHY:
         return replace(state, page=state.before), ()
-    return replace(state, before=state.page, page=Page.WHY, entry=entry.key), ()
+    vehicle = entry.vehicle or state.vehicle  # of whom the rest of the screen speaks, too
+    return replace(state, before=state.page, page=Page.WHY, entry=entry.key, vehicle=vehicle), ()
 
 
 def _move(step: int) -> Callable[[State, Snapshot], Result]:

@@ -3,7 +3,6 @@
 import copy
 import math
 from collections import deque
-from typing import Any
 
 from gcs_health.airframe import Airframe
 from gcs_health.dashboard.snapshot import NAN, TRAIL, Figure, Level, RotorShot, Row, VehicleShot
@@ -22,6 +21,7 @@ from gcs_health.vehicle_monitor import VehicleMonitor
 ROW_EVERY = 0.1  # s
 ROWS = 600
 BLIND_POINTS = 96  # of the blind-band map
+LONGEST_NAME = 18
 FASTER = 1.3  # times the fastest rotor: how far the map reaches
 VEHICLE_TYPE = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 
@@ -267,8 +267,10 @@ def _why(verdict: Verdict | None, figures: tuple[Figure, ...]) -> str:
 
 def _title(watched: VehicleMonitor) -> str:
     maker = AUTOPILOT.get(watched.autopilot or -1, "")
-    frame: Any = watched.airframe
-    what = frame.name if frame is not None else VEHICLE_TYPE.get(watched.vehicle_type or -1, "vehicle")
+    frame = watched.airframe
+    what = VEHICLE_TYPE.get(watched.vehicle_type or -1, "vehicle")
+    if frame is not None:
+        what = frame.name if len(frame.name) <= LONGEST_NAME else f"{len(frame.rotors)} rotors"
     return what if what.startswith(maker) else f"{maker} {what}".strip()
 
 

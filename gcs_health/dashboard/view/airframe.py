@@ -15,7 +15,7 @@ BORDER = {Level.OK: "╭─╮│╰╯", Level.UNKNOWN: "┌╌┐╎└┘", L
 SIGN = {Level.OK: "", Level.UNKNOWN: "?", Level.WARN: "!", Level.FAILED: "✗"}
 STYLE = {Level.OK: "", Level.UNKNOWN: "unknown", Level.WARN: "warn", Level.FAILED: "fail"}
 SPIN = {1: "↺", -1: "↻", 0: "·"}
-SIZES = ((11, 4), (9, 4), (7, 3), (6, 3), (5, 3))  # of boxes, cells; the inner rows grow with stacked rotors
+SIZES = ((11, 4), (9, 4), (7, 3), (5, 3), (4, 3))  # of boxes, cells; the inner rows grow with stacked rotors
 
 Spot = tuple[float, float, float, int, int, Level]  # forward, right, down, spin, motor, level
 

@@ -38,14 +38,14 @@ def _entry(entry: Entry, chosen: bool, several: bool, cells: int, t: float) -> L
     marks = ""
     if entry.kind == "alert":
         sign = "✗" if entry.level is Level.FAILED else "!"
-        marks = f"{sign} {entry.code}"
+        said = ""
         if not entry.open:
-            marks += " over"
+            said = "over: "
         elif entry.shelved(t):
-            marks += " shelved"
+            said = "shelved: "
         elif entry.acknowledged:
-            marks += " seen"
-        marks += "  "
+            said = "seen: "
+        marks = f"{sign} {said}"
     head = f"{clock(entry.t)} {SEVERITY[entry.severity]:<8} "
     who = f"{entry.vehicle} " if several and entry.vehicle else ""
     return fit(
@@ -69,7 +69,7 @@ def why(snapshot: Snapshot, state: State, cells: int, rows: int) -> list[Line]:
         lines += wrap(f"do: {entry.advice}", cells, "bold", 4)
     if entry.kind != "alert":
         return fill(lines, rows)
-    words = [line((f"{clock(t)}  {text}", "")) for t, text in entry.words[-4:]]
+    words = [part for t, text in entry.words[-4:] for part in wrap(f"{clock(t)}  {text}", cells // 2, "", 9)]
     said = words or [line(("the autopilot says nothing of motors", "dim"))]
     left = [line(("evidence", "title")), *_numbers(entry, cells // 2 - 2)]
     right = [line(("what happened", "title"))]
@@ -85,8 +85,10 @@ def why(snapshot: Snapshot, state: State, cells: int, rows: int) -> list[Line]:
 def _numbers(entry: Entry, cells: int) -> list[Line]:
     if not entry.figures:
         return [line(("no figures", "dim"))]
-    wide = max(len(name) for name, _ in entry.figures) + 2
-    return [fit(line((f"{name:<{wide}}", "dim"), value), cells) for name, value in entry.figures]
+    wide = min(max(len(name) for name, _ in entry.figures) + 2, cells - 9)
+    return [
+        line((f"{name[: wide - 1]:<{wide}}", "dim"), value[: cells - wide]) for name, value in entry.figures
+    ]
 
 
 def evidence_plots(entry: Entry, vehicle: VehicleShot, cells: int, rows: int) -> list[Line]:
@@ -146,7 +148,7 @@ def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[
     others = sorted(rotor.posterior, key=lambda each: -each[1])[:5]
     lines.append(fit(line(("   ".join(f"{kind} {p:.3f}" for kind, p in others), "dim")), cells))
     lines += [BLANK, _telemetry(rotor.telemetry, rotor.age, rotor.voltage, rotor.temperature_degc)]
-    head = f"{'estimator':<16}{'quantity':<20}{'value':>12}{'spread':>10}{'P(fault)':>10}{'seen from':>11}  state"
+    head = f"{'estimator':<15}{'quantity':<18}{'value':>8}{'spread':>8}{'P(fault)':>9}{'seen at':>9}  state"
     lines += [BLANK, fit(line((head, "dim")), cells)]
     for figure in rotor.figures:
         unit = 1e6 if figure.quantity.startswith("unbalance") else 1.0
@@ -159,10 +161,12 @@ def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[
         )
         name = figure.quantity.replace("unbalance_relative", "unbalance, µm").replace("_", " ")
         name = "unbalance, g mm" if figure.quantity == "unbalance" else name
-        text = f"{figure.estimator:<16}{name:<20}{cell[0]:>12}{cell[1]:>10}{p:>10}{detectable:>11}  {figure.status}"
+        text = (
+            f"{figure.estimator:<15}{name:<18}{cell[0]:>8}{cell[1]:>8}{p:>9}{detectable:>9}  {figure.status}"
+        )
         lines.append(fit(line(text), cells))
         if figure.why:
-            lines += wrap(f"    {figure.why}", cells - 4, "dim", 4)
+            lines += wrap(figure.why, cells, "dim", 0, 4)
     room = rows - len(lines)
     if room >= 7 and vehicle.rows:
         concerned = vehicle.rotors.index(rotor)

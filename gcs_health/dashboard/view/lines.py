@@ -75,8 +75,10 @@ def fill(lines: Iterable[Line], rows: int) -> list[Line]:
     return out + [BLANK] * (rows - len(out))
 
 
-def wrap(text: str, cells: int, style: str = "", indent: int = 0) -> list[Line]:
-    """Break a text at spaces; what follows is indented."""
+def wrap(text: str, cells: int, style: str = "", indent: int = 0, margin: int = 0) -> list[Line]:
+    """Break a text at spaces; `margin` cells are left before every line, `indent` more before what follows."""
+    if margin:
+        return [((" " * margin, ""), *each) for each in wrap(text, cells - margin, style, indent)]
     out: list[Line] = []
     now = ""
     for word in text.split():

@@ -65,11 +65,7 @@ def needs(vehicle: VehicleShot, cells: int) -> list[Line]:
         lines.append(fit(line((f"{mark}{need.input}{rate}{wanted}", style)), cells))
         if not need.met and need.remedy not in told:
             told.add(need.remedy)
-            lines += [
-                (("    " + text, style),)
-                for part in wrap(need.remedy, cells - 4, "dim")
-                for text, style in part
-            ]
+            lines += wrap(need.remedy, cells, "dim", 0, 4)
     return lines
 
 

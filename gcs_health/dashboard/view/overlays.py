@@ -5,22 +5,22 @@ from gcs_health.dashboard.state import Overlay, State
 from gcs_health.dashboard.view.lines import Line, cut, fit, line, wrap
 
 HELP = (
-    ("enter", "why: the evidence of the chosen alert", "?", "this help; any key closes it"),
-    ("↑ ↓", "choose an alert", "tab", "overview, alerts, rotor, link"),
+    ("enter", "why: evidence of the chosen alert", "?", "help; any key closes it"),
+    ("↑ ↓", "choose an alert, or a rotor", "tab", "the next page"),
     ("a", "acknowledge: seen, no longer loud", "1-9", "all about one motor"),
-    ("s", "shelve for 10 minutes; again: end it", "o l esc", "overview, link, back"),
+    ("s", "shelve for 10 min; again: end it", "o l esc", "overview, link, back"),
     ("/", "filter the list by words", "v", "next vehicle"),
     ("n N", "next, previous alert", "t", "theme"),
-    ("r", "request message rates: asks first", "ctrl+p", "all commands by name"),
+    ("r", "request message rates: asks first", "ctrl+p", "commands by name"),
     ("", "", "q", "quit; also ctrl+c"),
 )
 REPLAY_HELP = (
-    ("space", "pause, play", "g", "go to a time: 2:30, +10, -5, 50%"),
-    ("← →", "a tenth of a second back, on", "n N", "to the next, previous alert"),
-    ("[ ]", "slower, faster: 0.1x to max", "m M", "to the next, previous (dis)arming"),
-    ("b", "backwards", "home end", "to the start, the end"),
+    ("space", "pause, play", "g", "go to 2:30 +10 -5 50%"),
+    ("← →", "a tenth of a second back, on", "n N", "next, previous alert"),
+    ("[ ]", "slower, faster: 0.1x to max", "m M", "next, previous arming"),
+    ("b", "backwards, or on again", "home end", "start, end"),
 )
-SIGNS = ("╭╮ ok   ┌┐? unknown   ┏┓! something is wrong   ╔╗✗ failed   ↺ ccw  ↻ cw, from above",)
+SIGNS = ("╭╮ ok    ┌┐? unknown    ┏┓! look at it    ╔╗✗ failed    ↺ ↻ spin, from above",)
 
 
 def overlay(snapshot: Snapshot, state: State, cells: int) -> list[Line]:
@@ -51,7 +51,7 @@ def overlay(snapshot: Snapshot, state: State, cells: int) -> list[Line]:
 def _help(snapshot: Snapshot) -> list[Line]:
     rows = (*HELP, *(REPLAY_HELP if snapshot.replay is not None else ()))
     lines = [
-        line((f"{key:<6}", "key"), f"{what:<33}", (f"{other:<9}", "key"), said)
+        line((f"{key:<6}", "key"), f"{what:<35}", (f"{other:<9}", "key"), said)
         for key, what, other, said in rows
     ]
     return [*lines, *(line((text, "dim")) for text in SIGNS)]

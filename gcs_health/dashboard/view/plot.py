@@ -7,6 +7,7 @@ from gcs_health.dashboard.view.lines import Line
 
 BARS = "▁▂▃▄▅▆▇█"
 DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+GAP = 1.5  # s without a value over which no line is drawn
 GUTTER = 6  # cells of the scale at the left
 
 Curve = tuple[Sequence[float], str]  # values at `times`, style
@@ -44,23 +45,32 @@ def plot(
     styles = [[""] * wide for _ in range(rows)]
     length = (ends[1] - ends[0]) or 1.0
     for values, style in curves:
-        before = -1
+        last: tuple[float, int, int] | None = None  # time, column and row of dots
         for t, value in zip(times, values, strict=True):
             if value != value or not ends[0] <= t <= ends[1]:
-                before = -1
+                last = None
                 continue
             x = min(int((t - ends[0]) / length * 2 * wide), 2 * wide - 1)
             y = min(max(int((high - value) / (high - low) * (4 * rows - 1) + 0.5), 0), 4 * rows - 1)
-            for dot in range(min(before, y), max(before, y) + 1) if before >= 0 else (y,):
-                grid[dot // 4][x // 2] |= DOTS[x & 1][dot & 3]
-                styles[dot // 4][x // 2] = style
-            before = y
+            for dot_x, dot_y in _stroke(last if last is not None and t - last[0] <= GAP else None, x, y):
+                grid[dot_y // 4][dot_x // 2] |= DOTS[dot_x & 1][dot_y & 3]
+                styles[dot_y // 4][dot_x // 2] = style
+            last = (t, x, y)
     at = int((mark - ends[0]) / length * wide) if ends[0] <= mark <= ends[1] else -1
     labels = {0: f"{high:.{digits}f}", rows - 1: f"{low:.{digits}f}"}
     return [
         ((labels.get(row, "").rjust(GUTTER), "dim"), ("│", "dim"), *_cells(grid[row], styles[row], at))
         for row in range(rows)
     ]
+
+
+def _stroke(last: tuple[float, int, int] | None, x: int, y: int) -> list[tuple[int, int]]:
+    """Return the dots from the last value to this one: held, then a step."""
+    if last is None:
+        return [(x, y)]
+    _, from_x, from_y = last
+    held = [(column, from_y) for column in range(from_x + 1, x)]
+    return held + [(x, row) for row in range(min(from_y, y), max(from_y, y) + 1)]
 
 
 def _cells(dots: list[int], styles: list[str], mark: int) -> Line:

@@ -67,14 +67,14 @@ def _age(rotor: RotorShot) -> str:
 
 
 def _spark(rotor: RotorShot) -> str:
-    return sparkline(rotor.trail, 12)
+    return sparkline(rotor.trail, 9)
 
 
 COLUMNS = (
     Column("M", 3, 0, lambda rotor: str(rotor.motor)),
     Column("", 12, 6, lambda rotor: rotor.seat.split(",")[0][:11]),
-    Column("last minute", 13, 99, _spark),
-    Column("verdict", 16, 1, _verdict),
+    Column("last min", 10, 99, _spark),
+    Column("verdict", 15, 1, _verdict),
     Column("eff", 9, 2, _effectiveness),
     Column("unbal", 6, 4, _unbalance),
     Column("trend", 6, 10, _trend),
@@ -87,7 +87,6 @@ COLUMNS = (
     Column("degrad.", 9, 12, _spread("degradation")),
     Column("V", 5, 13, lambda rotor: number(rotor.voltage, 1)),
 )
-LAST_MINUTE = 2  # column that stands in for the sparklines where there is no room below
 
 
 def columns(cells: int, sparks: bool) -> list[Column]:
@@ -106,7 +105,7 @@ def columns(cells: int, sparks: bool) -> list[Column]:
 
 
 def table(rotors: Sequence[RotorShot], cells: int, sparks: bool, chosen: int = 0) -> list[Line]:
-    """Return heading, one line a rotor, and what would be seen."""
+    """Return heading, one line a rotor, and what would be seen; `sparks`: the last minute as a column."""
     shown = columns(cells, sparks)
     lines = [title("rotors", cells)]
     lines.append(fit(line(("".join(_place(column, column.title) for column in shown), "dim")), cells))
@@ -131,7 +130,7 @@ def sparklines(rotors: Sequence[RotorShot], cells: int) -> list[Line]:
     return lines
 
 
-LEFT = frozenset({"M", "", "verdict", "last minute"})
+LEFT = frozenset({"M", "", "verdict", "last min"})
 
 
 def _place(column: Column, text: str) -> str:

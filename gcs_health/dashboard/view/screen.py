@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 from gcs_health.dashboard.snapshot import Snapshot, VehicleShot
-from gcs_health.dashboard.state import Page, State
+from gcs_health.dashboard.state import ROUND, Page, State
 from gcs_health.dashboard.view import airframe, alerts, link, rotors
-from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, sides, title
+from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, sides, title, width
 from gcs_health.dashboard.view.overlays import laid_over, overlay
 from gcs_health.dashboard.view.timeline import timeline
 from gcs_health.dashboard.view.top import banner, head, strip
@@ -115,7 +115,7 @@ def _overview(
         block += alerts.quarters(vehicle.rows, concerned, right, high - len(block), ends, float("nan"))
     elif below:
         block += rotors.sparklines(vehicle.rotors, right)
-    used = max(min(max(len(block), 12), high), min(len(block), rows - 2))
+    used = max(min(max(len(block), 14), high), min(len(block), rows - 2))
     left = [title("airframe", wide), *airframe.airframe_map(vehicle.rotors, wide, used - 1)]
     lines = fill(beside(left, wide, block), used)
     zones = [
@@ -133,33 +133,58 @@ def _overview(
 
 
 def _hints(snapshot: Snapshot, state: State) -> list[tuple[str, str, str]]:
-    """Return (key, shown key, what it does), the least needed first."""
-    hints = [("tab", "tab", f"{state.page.value}▸"), ("question_mark", "?", "help"), ("q", "q", "quit")]
+    """Return (key, shown key, what it does), the least needed first: they go where there is no room."""
+    hints = [("tab", "tab", _next_page(state).value), ("question_mark", "?", "help"), ("q", "q", "quit")]
     if state.page is Page.WHY:
         hints = [("a", "a", "ack"), ("s", "s", "shelve"), ("escape", "esc", "back"), *hints[1:]]
     elif snapshot.replay is not None:
-        hints = [("space", "space", "pause"), ("n", "n", "next alert"), *hints]
+        hints = [
+            ("n", "n", "next alert"),
+            ("space", "space", "play" if _paused(snapshot) else "pause"),
+            *hints,
+        ]
     elif any(entry.kind == "alert" and entry.open for entry in snapshot.entries):
         hints = [("a", "a", "ack"), *hints]
     return hints
 
 
+def _next_page(state: State) -> Page:
+    page = state.before if state.page is Page.WHY else state.page
+    return ROUND[(ROUND.index(page) + 1) % len(ROUND)]
+
+
+def _paused(snapshot: Snapshot) -> bool:
+    return snapshot.replay is not None and not snapshot.replay.playing
+
+
+def _left(snapshot: Snapshot, state: State, vehicle: VehicleShot | None) -> Line:
+    said = state.said or snapshot.ended
+    return line((said, "bold")) if said else link.link_line(snapshot, vehicle)
+
+
+def _shown_hints(
+    snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int
+) -> list[tuple[str, str, str]]:
+    """Return the hints that fit beside what is said at the left, at least the last three."""
+    hints = _hints(snapshot, state)
+    room = cells - width(_left(snapshot, state, vehicle)) - 2
+    while len(hints) > 3 and sum(len(shown) + len(what) + 2 for _, shown, what in hints) > room:
+        hints = hints[1:]
+    return hints
+
+
 def _footer(snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int) -> Line:
     hints: list[tuple[str, str]] = []
-    for _, shown, what in _hints(snapshot, state):
+    for _, shown, what in _shown_hints(snapshot, state, vehicle, cells):
         hints += [(shown, "key"), (f":{what} ", "dim")]
-    if state.said:
-        return sides(line((state.said, "bold")), tuple(hints), cells)
-    if snapshot.ended:
-        return sides(line((snapshot.ended, "bold")), tuple(hints), cells)
-    return sides(link.link_line(snapshot, vehicle), tuple(hints), cells)
+    return sides(_left(snapshot, state, vehicle), tuple(hints), cells)
 
 
 def _hint_zones(
     snapshot: Snapshot, state: State, vehicle: VehicleShot | None, cells: int, rows: int
 ) -> list[Zone]:
     zones, at = [], cells
-    for key, shown, what in reversed(_hints(snapshot, state)):
+    for key, shown, what in reversed(_shown_hints(snapshot, state, vehicle, cells)):
         left = at - len(shown) - len(what) - 2
         zones.append(Zone(left, rows - 1, at, rows, "key", key))
         at = left

@@ -4,7 +4,7 @@ from gcs_health.dashboard.snapshot import ReplayShot
 from gcs_health.dashboard.view.lines import Line, line
 from gcs_health.dashboard.words import span
 
-HEAD = 26  # cells before the bar
+HEAD = 25  # cells before the bar
 
 
 def timeline(replay: ReplayShot, cells: int) -> Line:
@@ -14,9 +14,9 @@ def timeline(replay: ReplayShot, cells: int) -> Line:
         sign = "◀" if replay.playing else "‖◀"
     speed = "max" if replay.speed == float("inf") else f"{replay.speed:g}x"
     length = (replay.end_us - replay.start_us) * 1e-6
-    end = span(length) if replay.scanned >= 1.0 else f"{100 * replay.scanned:.0f} % read"
-    at = span((replay.at_us - replay.start_us) * 1e-6)
-    head = f"{sign:<2}{speed:>5} {at}/{end}"[: HEAD - 1].ljust(HEAD)
+    at, end = span((replay.at_us - replay.start_us) * 1e-6), span(length)
+    read = "" if replay.scanned >= 1.0 else f" {100 * replay.scanned:2.0f} %"
+    head = f"{sign:<2}{speed:>5} {at}/{end}{read}"[: HEAD - 1].ljust(HEAD)
     wide = max(cells - HEAD, 1)
     bar = ["─"] * wide
     for us, armed in replay.armings:

@@ -43,9 +43,16 @@ def strip(snapshot: Snapshot, chosen: str, cells: int) -> Line:
     parts: list[tuple[str, str]] = []
     for vehicle in snapshot.vehicles:
         level, said = worst_of(snapshot, vehicle)
+        alarm = first_alarm(snapshot.entries, vehicle.name, vehicle.t)
+        loud = level is Level.FAILED and alarm is not None and not alarm.acknowledged
         style = {Level.FAILED: "fail", Level.WARN: "warn", Level.UNKNOWN: "unknown", Level.OK: ""}[level]
+        style = "alarm" if loud else style
         mark = "▸" if vehicle.name == chosen else " "
-        parts += [(f"{mark}{vehicle.name} ", "pick" if vehicle.name == chosen else ""), (f"{said}   ", style)]
+        parts += [
+            (f"{mark}{vehicle.name} ", "pick" if vehicle.name == chosen else ""),
+            (f" {said} ", style),
+            ("  ", ""),
+        ]
     return fit(tuple(parts), cells)
 
 
@@ -88,16 +95,13 @@ def banner(snapshot: Snapshot, vehicle: VehicleShot | None, cells: int) -> Line:
 
 
 def _alarm(alarm: Entry, vehicle: VehicleShot, silent: str, cells: int) -> Line:
-    seat = next((rotor.seat for rotor in vehicle.rotors if rotor.motor == alarm.motor), "")
+    seat = next((rotor.seat for rotor in vehicle.rotors if rotor.motor == alarm.motor), "").split(",")[0]
     name = alarm.code.replace("_", " ")
     loud = "acked" if alarm.acknowledged else "alarm" if alarm.level is Level.FAILED else "caution"
     sign = "✗" if alarm.level is Level.FAILED else "!"
-    left = line((f" {sign} {name} ", loud), ("  ", "") if loud == "acked" else ("▌ ", loud))
-    left += line(
-        (f"motor {alarm.motor} ", loud if loud != "acked" else "bold"),
-        (f"{seat}  {percent(alarm.probability)}", loud),
-    )
-    left += line((f"  since {clock(alarm.t)}" + ("  seen" if alarm.acknowledged else ""), loud))
+    seen = "seen  " if alarm.acknowledged else "▌ "
+    left = line((f" {sign} {name} {seen}motor {alarm.motor} {seat}  {percent(alarm.probability)}", loud))
+    left += line((f"  since {clock(alarm.t)}", loud))
     right = line((f"{silent}  " if silent else "", loud), ("enter: why ", loud))
     filled = fit(left, cells - sum(len(text) for text, _ in right), loud)
     return (*filled, *right)
