@@ -70,12 +70,13 @@ class Pipeline(Protocol):
 
 
 class Canvas(Widget, can_focus=True):
-    """The lines of a frame."""
+    """The lines of a frame; `resized` is called when it has another size."""
 
-    def __init__(self) -> None:
+    def __init__(self, resized: Callable[[], object]) -> None:
         super().__init__()
+        self._resized = resized
         self.frame_shown = Frame((), ())
-        self.theme_shown = ""
+        self.theme_shown = THEMES[0]
         self._strips: list[Strip] = []
 
     def show(self, frame: Frame, theme: str) -> int:
@@ -93,9 +94,17 @@ class Canvas(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
         return len(changed)
 
+    def on_resize(self) -> None:
+        """See Textual."""
+        self._resized()
+
     def render_line(self, y: int) -> Strip:
         """See Textual."""
-        return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width)
+        if y < len(self._strips):
+            return self._strips[y]
+        return Strip.blank(
+            self.size.width, style_of(self.theme_shown, "")
+        )  # a bare one breaks under NO_COLOR
 
 
 def strip_of(line: Line, theme: str) -> Strip:
@@ -128,7 +137,7 @@ class Dashboard(App[None]):
         self.pipeline = pipeline
         self.snapshot = first
         self.state = State(theme=NO_COLOUR if os.environ.get("NO_COLOR") else theme)
-        self.canvas = Canvas()
+        self.canvas = Canvas(self.draw)
         self.interrupted = False
         self._leaves = leaves
 
@@ -183,10 +192,6 @@ class Dashboard(App[None]):
         self.draw()
 
     # -- what comes from Textual --------------------------------------------------------------------
-
-    def on_resize(self) -> None:
-        """Draw anew in another size."""
-        self.call_after_refresh(self.draw)
 
     async def on_event(self, event: events.Event) -> None:
         """Take every key but those of the command palette before Textual does."""

@@ -117,8 +117,8 @@ def test_the_keys_of_a_replay() -> None:
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("2:30", 150.0), ("150", 150.0), ("1:00:00", 3600.0), ("0:01.5", 1.5), ("50%", 156.0), ("+10", 262.0), ("-5", 247.0)],
-)  # fmt: skip
+    [("2:30", 150.0), ("1:00:00", 3600.0), ("0:01.5", 1.5), ("50%", 156.0), ("+10", 262.0), ("-5", 247.0)],
+)
 def test_times_as_people_type_them(text: str, seconds: float) -> None:
     replay = p.replayed().replay
     assert replay is not None

@@ -138,7 +138,7 @@ def test_sparkline() -> None:
 
 def test_plot_draws_a_step_in_braille() -> None:
     drawn = texts(plot([0.0, 1.0, 2.0, 3.0], [([0.0, 0.0, 1.0, 1.0], "")], 11, 2, (0.0, 4.0), (0.0, 1.0)))
-    assert drawn == ["   1.0│  ⡏⠉", "   0.0│⣀⣀⡇"]
+    assert drawn == ["   1.0│  ⡏⠁", "   0.0│⣀⣀⡇"]
 
 
 def test_banner_is_calm_when_well() -> None:

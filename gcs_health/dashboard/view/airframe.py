@@ -14,6 +14,7 @@ from gcs_health.dashboard.view.lines import Line
 BORDER = {Level.OK: "╭─╮│╰╯", Level.UNKNOWN: "┌╌┐╎└┘", Level.WARN: "┏━┓┃┗┛", Level.FAILED: "╔═╗║╚╝"}
 SIGN = {Level.OK: "", Level.UNKNOWN: "?", Level.WARN: "!", Level.FAILED: "✗"}
 STYLE = {Level.OK: "", Level.UNKNOWN: "unknown", Level.WARN: "warn", Level.FAILED: "fail"}
+FILLED = {**STYLE, Level.FAILED: "alarm"}  # of the boxes
 SPIN = {1: "↺", -1: "↻", 0: "·"}
 SIZES = ((11, 4), (9, 4), (7, 3), (5, 3), (4, 3))  # of boxes, cells; the inner rows grow with stacked rotors
 
@@ -99,7 +100,7 @@ def _box(
 ) -> None:
     worst = max(spot[5] for spot in stack)
     corner, flat, right, side, below, end = tuple(BORDER[worst])
-    style = STYLE[worst]
+    style = FILLED[worst]
     _text(grid, x, y, corner + flat * (wide - 2) + right, style)
     for row in range(1, high - 1):
         _text(grid, x, y + row, side + " " * (wide - 2) + side, style)
@@ -110,7 +111,7 @@ def _box(
         _text(grid, x + 1, y + 2, (SIGN[level] or SPIN[spin]).center(wide - 2), style)
         return
     for row, (_, _, _, spin, motor, level) in enumerate(stack):
-        _text(grid, x + 1, y + 1 + row, f"{motor}{SIGN[level] or SPIN[spin]}".center(wide - 2), STYLE[level])
+        _text(grid, x + 1, y + 1 + row, f"{motor}{SIGN[level] or SPIN[spin]}".center(wide - 2), FILLED[level])
 
 
 def _arm(grid: list[list[tuple[str, str]]], start: tuple[int, int], end: tuple[int, int]) -> None:
