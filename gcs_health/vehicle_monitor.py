@@ -104,6 +104,7 @@ class VehicleMonitor:
         self.last_us = 0
         self.gaps: list[tuple[float, float]] = []
         self.alerts: list[AlertEvent] = []
+        self.latest: list[Estimate] = []  # of the last round of estimates
         self.clock = VehicleClock()
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
@@ -388,7 +389,7 @@ class VehicleMonitor:
                 self._adopt(assumed)
         self._tell_needs(t)
         if self._bench is not None:
-            estimates = self._bench.routine(t)
+            self.latest = estimates = self._bench.routine(t)
             assert self.airframe is not None
             head = (self.airframe, self.last_us, self.vehicle)
             self._pending += [estimate_event(estimate, *head) for estimate in estimates]

@@ -8,7 +8,7 @@ from gcs_health.dashboard.snapshot import LinkShot, Snapshot, VehicleShot
 from gcs_health.dashboard.vehicle_model import VehicleModel
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.pipeline import Monitor
-from gcs_health.record.events import AlertEvent, AutopilotEvent, EstimateEvent, Event, VehicleEvent
+from gcs_health.record.events import AlertEvent, AutopilotEvent, Event, VehicleEvent
 from gcs_health.samples import Reading
 from gcs_health.vehicle_monitor import VehicleMonitor
 
@@ -65,16 +65,11 @@ class Model:
     def take(self, events: Iterable[Event]) -> None:
         """Hear what the monitor says."""
         for event in events:
-            model = self._vehicles.setdefault(event.vehicle, VehicleModel())
-            if isinstance(event, EstimateEvent):
-                model.estimate(event)
-            elif isinstance(event, AlertEvent):
+            if isinstance(event, AlertEvent):
                 self.entries.alert(event)
             elif isinstance(event, AutopilotEvent):
                 self.entries.autopilot(event)
             elif isinstance(event, VehicleEvent):
-                if event.change == "airframe":
-                    self._vehicles[event.vehicle] = model = VehicleModel()
                 self.entries.vehicle(event)
 
     def note(self, text: str, us: int) -> None:

@@ -8,31 +8,31 @@ from gcs_health.airframe import Airframe
 from gcs_health.dashboard.snapshot import NAN, TRAIL, Figure, Level, RotorShot, Row, VehicleShot
 from gcs_health.dashboard.words import AUTOPILOT, mode_name
 from gcs_health.estimators.amplitude_model import ImuFilter, highpass_gain
-from gcs_health.estimators.contract import REASON_TEXT, Reason
+from gcs_health.estimators.contract import REASON_TEXT, Estimate, Quantity, Reason
 from gcs_health.estimators.unbalance_config import RecommendedConfig
 from gcs_health.fusion.kinds import FAILED, UNKNOWN, Kind
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.gate import GRAVITY
-from gcs_health.record.events import EstimateEvent
 from gcs_health.rotor_telemetry import RotorState
-from gcs_health.samples import ImuFilterReading, ImuReading, Reading, RotorReading
+from gcs_health.samples import FlightReading, ImuFilterReading, ImuReading, Reading, RotorReading
 from gcs_health.vehicle_monitor import VehicleMonitor
 
 ROW_EVERY = 0.1  # s
 ROWS = 600
 BLIND_POINTS = 96  # of the blind-band map
 LONGEST_NAME = 18
+UNBALANCES = (Quantity.UNBALANCE, Quantity.UNBALANCE_RELATIVE)
 FASTER = 1.3  # times the fastest rotor: how far the map reaches
 VEHICLE_TYPE = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 
 
 class VehicleModel:
-    """Heard: readings and estimates; kept: the newest of each, rows of the last minute."""
+    """Heard: readings; kept: the newest of each, rows of the last minute, trends."""
 
     def __init__(self) -> None:
         self.rows: deque[Row] = deque(maxlen=ROWS)
         self._trail: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=TRAIL)
-        self._figures: dict[tuple[int, str, str], EstimateEvent] = {}  # by ESC index
+        self._airframe: Airframe | None = None  # that all this is of
         self._trends: dict[tuple[int, str], deque[tuple[float, float]]] = {}
         self._speed: list[float] = []
         self._current: list[float] = []
@@ -40,8 +40,6 @@ class VehicleModel:
         self._lift, self._lifts = 0.0, 0
         self._due = -math.inf
         self._filter = ImuFilter()
-        self._blind: tuple[tuple[float, float], ...] = ()
-        self._blind_due = -math.inf
         self._since = NAN
 
     def copy(self) -> "VehicleModel":
@@ -49,7 +47,6 @@ class VehicleModel:
         other = copy.copy(self)
         other.rows = self.rows.copy()
         other._trail = self._trail.copy()
-        other._figures = dict(self._figures)
         other._trends = {key: trend.copy() for key, trend in self._trends.items()}
         other._speed, other._current = self._speed[:], self._current[:]
         other._voltage = self._voltage[:]
@@ -74,16 +71,10 @@ class VehicleModel:
                         kept[k] = value
         elif isinstance(reading, ImuFilterReading):
             self._filter = ImuFilter.told(reading)
-            self._blind_due = -math.inf
+        elif isinstance(reading, FlightReading):
+            flies = reading.landed is False or (reading.landed is None and reading.armed is True)
+            self._since = NAN if not flies else reading.t if self._since != self._since else self._since
         return not self._due - 5.0 * ROW_EVERY <= reading.t < self._due  # clocks may go back, too
-
-    def estimate(self, event: EstimateEvent) -> None:
-        """Hear an estimate."""
-        self._figures[event.rotor, event.estimator, event.quantity] = event
-        if event.quantity.startswith("unbalance") and event.value == event.value:
-            trend = self._trends.setdefault((event.rotor, event.quantity), deque(maxlen=TRAIL))
-            if not trend or not 0.0 <= event.t - trend[-1][0] < 1.0:
-                trend.append((event.t, event.value))
 
     def keep_row(self, watched: VehicleMonitor) -> None:
         """Keep what is known now."""
@@ -93,18 +84,34 @@ class VehicleModel:
         self._lift, self._lifts = 0.0, 0
         if not n:
             return
-        assert watched.airframe is not None
+        if watched.airframe is not self._airframe:  # another count, or another order, of rotors
+            self._airframe = watched.airframe
+            for kept in (self.rows, self._trail, self._trends):
+                kept.clear()
+        effectiveness = [NAN] * n
+        for estimate in watched.latest:
+            if estimate.estimator == estimate.quantity == Quantity.EFFECTIVENESS:
+                effectiveness[estimate.rotor] = estimate.value
+            elif estimate.quantity in UNBALANCES and estimate.value == estimate.value:
+                self._keep_trend(estimate)
         verdicts = watched.verdicts
         failed = tuple(v.failed if v.known or v.failed > 0.5 else NAN for v in verdicts) or (NAN,) * n
-        effectiveness = tuple(self._value(rotor.esc, "effectiveness") for rotor in watched.airframe.rotors)
         speed = tuple(self._speed) if len(self._speed) == n else (NAN,) * n
         current = tuple(self._current) if len(self._current) == n else (NAN,) * n
         expected = NAN
         hover = watched.bank.hover if watched.bank is not None else math.inf
         if math.isfinite(hover) and hover > 0.0:
             expected = GRAVITY * sum(w * w for w in speed) / (n * hover * hover)
-        self.rows.append(Row(t, failed, effectiveness, speed, current, lift, expected))
-        second = math.floor(t)
+        self.rows.append(Row(t, failed, tuple(effectiveness), speed, current, lift, expected))
+        self._keep_trail(math.floor(t), failed)
+
+    def _keep_trend(self, estimate: Estimate) -> None:
+        trend = self._trends.setdefault((estimate.rotor, estimate.quantity), deque(maxlen=TRAIL))
+        if not trend or not 0.0 <= estimate.t - trend[-1][0] < 1.0:
+            trend.append((estimate.t, estimate.value))
+
+    def _keep_trail(self, second: int, failed: tuple[float, ...]) -> None:
+        """Keep the most of each second."""
         if self._trail and self._trail[-1][0] == second:
             before = self._trail.pop()[1]
             # NaN where nothing is known: the known one of the two
@@ -119,11 +126,6 @@ class VehicleModel:
     def shot(self, watched: VehicleMonitor, silent: float, alarmed: dict[int, str]) -> VehicleShot:
         """Return the picture; `alarmed` names what open alerts say of motors."""
         frame = watched.airframe
-        flies = watched.landed is False or (watched.landed is None and watched.armed is True)
-        if not flies:
-            self._since = NAN
-        elif self._since != self._since:
-            self._since = watched.last_t
         rotors: tuple[RotorShot, ...] = ()
         if frame is not None:
             rotors = tuple(self._rotor(watched, frame, k, silent, alarmed) for k in range(len(frame.rotors)))
@@ -152,7 +154,7 @@ class VehicleModel:
     ) -> RotorShot:
         rotor, t = frame.rotors[k], watched.last_t
         verdict = watched.verdicts[k] if watched.verdicts else None
-        figures = self._figures_of(frame, k)
+        figures = tuple(self._figure(watched, each) for each in watched.latest if each.rotor == k)
         state, level = _state(verdict)
         if level is not Level.FAILED and rotor.motor in alarmed:
             state, level = alarmed[rotor.motor], Level.FAILED
@@ -185,41 +187,32 @@ class VehicleModel:
             trail=self._trail_of(k, t + silent),
         )
 
-    def _figures_of(self, frame: Airframe, k: int) -> tuple[Figure, ...]:
-        esc = frame.rotors[k].esc
-        found = [event for (index, _, _), event in self._figures.items() if index == esc]
-        return tuple(self._figure(frame, event) for event in found)
-
-    def _figure(self, frame: Airframe, event: EstimateEvent) -> Figure:
+    def _figure(self, watched: VehicleMonitor, estimate: Estimate) -> Figure:
         together: tuple[int, ...] = ()
-        if Reason.NOT_IDENTIFIABLE.value in event.reasons:
+        if Reason.NOT_IDENTIFIABLE in estimate.reasons and watched.airframe is not None:
             alike = [
-                rotor.motor
-                for rotor in frame.rotors
-                if (other := self._figures.get((rotor.esc, event.estimator, event.quantity))) is not None
-                and Reason.NOT_IDENTIFIABLE.value in other.reasons
+                watched.airframe.rotors[other.rotor].motor
+                for other in watched.latest
+                if (other.estimator, other.quantity) == (estimate.estimator, estimate.quantity)
+                and Reason.NOT_IDENTIFIABLE in other.reasons
             ]
             together = tuple(alike) if len(alike) > 1 else ()
-        trend = self._trends.get((event.rotor, event.quantity))
+        trend = self._trends.get((estimate.rotor, estimate.quantity))
         change = NAN
         if trend and trend[-1][0] - trend[0][0] >= 20.0:
             change = 60.0 * (trend[-1][1] - trend[0][1]) / (trend[-1][0] - trend[0][0])
         return Figure(
-            event.estimator,
-            event.quantity,
-            event.value,
-            event.std,
-            event.failure_probability,
-            event.status,
-            "; ".join(REASON_TEXT[Reason(reason)] for reason in event.reasons),
-            event.detectable,
+            estimate.estimator,
+            estimate.quantity.value,
+            estimate.value,
+            estimate.std,
+            estimate.failure_probability,
+            estimate.status.value,
+            "; ".join(REASON_TEXT[reason] for reason in estimate.reasons),
+            estimate.detectable,
             together,
             change,
         )
-
-    def _value(self, esc: int, quantity: str) -> float:
-        event = self._figures.get((esc, quantity, quantity))  # the estimator bears its quantity's name
-        return event.value if event is not None else NAN
 
     def _trail_of(self, k: int, t: float) -> tuple[float, ...]:
         trail = [NAN] * TRAIL
@@ -234,10 +227,7 @@ class VehicleModel:
         rate, fastest = watched.imu.rate(), max((w for w in self._speed if w == w), default=0.0)
         if rate <= 0.0 or fastest <= 0.0:
             return ()
-        if not self._blind_due - 5.0 <= watched.last_t < self._blind_due:
-            self._blind_due = watched.last_t + 1.0
-            self._blind = blind_map(rate, FASTER * fastest, self._filter)
-        return self._blind
+        return blind_map(rate, FASTER * fastest, self._filter)
 
 
 def blind_map(rate: float, fastest: float, what: ImuFilter) -> tuple[tuple[float, float], ...]:

@@ -79,7 +79,12 @@ def blind_map(vehicle: VehicleShot, cells: int) -> list[Line]:
     fastest = points[-1][0]
     bar = "".join("░" if gain < BLIND_GAIN else "▒" if gain < WEAK_GAIN else "█" for gain in shown)
     scale = f"{0:<6}{'█ seen  ▒ weak  ░ blind':^{max(cells - 16, 0)}}{fastest * RPM:>6.0f} rpm"
-    return [heading, _markers(vehicle.rotors, fastest, cells), line((bar, "dim")), line((scale[:cells], "dim"))]
+    return [
+        heading,
+        _markers(vehicle.rotors, fastest, cells),
+        line((bar, "dim")),
+        line((scale[:cells], "dim")),
+    ]
 
 
 def _markers(rotors: Sequence[RotorShot], fastest: float, cells: int) -> Line:
