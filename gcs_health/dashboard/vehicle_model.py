@@ -84,7 +84,7 @@ class VehicleModel:
         self._lift, self._lifts = 0.0, 0
         if not n:
             return
-        if watched.airframe is not self._airframe:  # another count, or another order, of rotors
+        if watched.airframe != self._airframe:  # another count, or another order, of rotors
             self._airframe = watched.airframe
             for kept in (self.rows, self._trail, self._trends):
                 kept.clear()
