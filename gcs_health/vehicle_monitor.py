@@ -428,6 +428,7 @@ class VehicleMonitor:
             return
         self._unusable = ""
         self._bench = bench
+        self.latest = []
         self.airframe = airframe
         self.rotors.set_airframe(airframe)
         self._panel = RotorPanel(airframe, self._panel.count if self._panel is not None else 0)

@@ -8,6 +8,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 NAN = float("nan")
+SILENT = 1.0  # s without a byte after which nothing is known now
 TRAIL = 60  # s of the sparklines, one value a second
 
 
@@ -199,7 +200,7 @@ class VehicleShot:
     @property
     def stale(self) -> bool:
         """Whether it has been silent for so long that nothing of it is known now."""
-        return self.silent > 1.0
+        return self.silent > SILENT
 
 
 @dataclass(frozen=True, slots=True)

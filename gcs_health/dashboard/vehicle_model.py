@@ -3,9 +3,10 @@
 import copy
 import math
 from collections import deque
+from dataclasses import replace
 
 from gcs_health.airframe import Airframe
-from gcs_health.dashboard.snapshot import NAN, TRAIL, Figure, Level, RotorShot, Row, VehicleShot
+from gcs_health.dashboard.snapshot import NAN, SILENT, TRAIL, Figure, Level, RotorShot, Row, VehicleShot
 from gcs_health.dashboard.words import AUTOPILOT, mode_name
 from gcs_health.estimators.amplitude_model import ImuFilter, highpass_gain
 from gcs_health.estimators.contract import REASON_TEXT, Estimate, Quantity, Reason
@@ -155,16 +156,18 @@ class VehicleModel:
         rotor, t = frame.rotors[k], watched.last_t
         verdict = watched.verdicts[k] if watched.verdicts else None
         figures = tuple(self._figure(watched, each) for each in watched.latest if each.rotor == k)
+        gone = f"nothing heard for {silent:.0f} s" if silent > SILENT else ""
         state, level = _state(verdict)
         if level is not Level.FAILED and rotor.motor in alarmed:
             state, level = alarmed[rotor.motor], Level.FAILED
         why = _why(verdict, figures)
-        if silent > 1.0:  # whatever was known, it is not known now
-            why = f"nothing heard for {silent:.0f} s"
+        if gone:  # whatever was known, it is not known now
+            why = gone
+            figures = tuple(replace(f, value=NAN, std=NAN, detectable=NAN, why=gone) for f in figures)
             if level is not Level.FAILED:
                 state, level = UNKNOWN, Level.UNKNOWN
         telemetry = watched.rotors.state(rotor.esc, t)
-        stale = telemetry in (RotorState.STALE, RotorState.NOT_REPORTED)
+        stale = bool(gone) or telemetry in (RotorState.STALE, RotorState.NOT_REPORTED)
         return RotorShot(
             motor=rotor.motor,
             seat=frame.seat(k),

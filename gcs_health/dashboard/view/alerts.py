@@ -6,7 +6,7 @@ from gcs_health.dashboard.snapshot import Entry, Level, Row, Snapshot, VehicleSh
 from gcs_health.dashboard.state import State, chosen_entry, shown_entries
 from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, title, wrap
 from gcs_health.dashboard.view.plot import plot
-from gcs_health.dashboard.words import RPM, SEVERITY, clock, percent
+from gcs_health.dashboard.words import RPM, SEVERITY, UNIX, clock, percent
 
 AFTER = 10.0  # s; `alerts_model` keeps so much behind an alert
 
@@ -46,7 +46,8 @@ def _entry(entry: Entry, chosen: bool, several: bool, cells: int, t: float) -> L
         elif entry.acknowledged:
             said = "seen: "
         marks = f"{sign} {said}"
-    head = f"{clock(entry.t)} {SEVERITY[entry.severity]:<8} "
+    when = clock(entry.t, 0 if entry.t > UNIX else 1)
+    head = f"{when:<8} {SEVERITY[entry.severity]:<9} "
     who = f"{entry.vehicle} " if several and entry.vehicle else ""
     return fit(
         line(

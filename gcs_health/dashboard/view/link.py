@@ -107,6 +107,8 @@ def link_line(snapshot: Snapshot, vehicle: VehicleShot | None) -> Line:
     """Return the link in half a line: received of wanted rates, signing."""
     if vehicle is None:
         return line((snapshot.waiting, "dim"))
+    if vehicle.stale:
+        return line((f"{vehicle.name} silent for {vehicle.silent:.0f} s", "warn"))
     parts: list[tuple[str, str]] = []
     told: set[str] = set()
     for short, name in (("IMU", "accelerations and rates"), ("ESC", "rotor speeds"), ("A", "motor currents")):

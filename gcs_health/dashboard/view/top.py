@@ -14,7 +14,7 @@ def head(snapshot: Snapshot, vehicle: VehicleShot | None, cells: int) -> Line:
         right.append((f"REC {size(snapshot.link.recorded)}  ", "bold"))
     if vehicle is None:
         return fit(line(("gcs_health", "bold"), "  ", ("  ".join(snapshot.link.endpoints), "dim")), cells)
-    if vehicle.loss == vehicle.loss:
+    if vehicle.loss == vehicle.loss and not vehicle.stale:
         right.append((f"loss {100.0 * vehicle.loss:.1f} %", "warn" if vehicle.loss > 0.1 else "dim"))
     armed = {True: ("ARMED", "bold"), False: ("disarmed", "dim"), None: ("", "")}[vehicle.armed]
     where = ""
