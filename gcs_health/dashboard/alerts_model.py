@@ -14,6 +14,7 @@ KEPT = 300  # entries
 BEFORE, AFTER = 20.0, 10.0  # s around an alert that its plots show
 WORDS_WITHIN = 15.0  # s
 NOTICE, INFO = 5, 6  # MAV_SEVERITY
+AGAIN_US = 10_000_000  # µs within which the same notice is the same line
 ARCHIVE = 40  # traces kept
 FAILED_CODES = {OF_KIND[kind].code: kind.value for kind in FAILED} | {ROTOR_FAILED.code: "rotor failed"}
 
@@ -84,10 +85,15 @@ class EntryBook:
     def vehicle(self, event: VehicleEvent) -> None:
         """Take what became known of a vehicle."""
         severity = NOTICE if event.change in ("notice", "clock") else INFO
-        us = event.t_unix_us
-        self._put(
-            Entry(self._key(), event.vehicle, event.t, us, "notice", severity, event.change, event.text)
-        )
+        us, text, count = event.t_unix_us, event.text, 1
+        for key, entry in list(self._entries.items()):  # what is said over and over is one line
+            said, _, times = entry.text.partition(" (times: ")
+            again = said == text and entry.vehicle == event.vehicle and abs(us - entry.us) < AGAIN_US
+            if entry.kind == "notice" and again:
+                count = int(times.rstrip(")") or 1) + 1
+                del self._entries[key]
+        text = f"{text} (times: {count})" if count > 1 else text
+        self._put(Entry(self._key(), event.vehicle, event.t, us, "notice", severity, event.change, text))
 
     def notice(self, text: str, us: int) -> None:
         """Take a notice of the links, the recorder or a sink."""

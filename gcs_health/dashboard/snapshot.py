@@ -168,7 +168,7 @@ class VehicleShot:
     messages : (name, Hz, loss) received in the last second or so.
     loss : of its frames [-] in the last seconds.
     blind : rotor speeds [rad/s] of the blind-band map, and the part of the line that is left there [-].
-    rows : the last minute.
+    rows : the last 62 s.
     """
 
     name: str

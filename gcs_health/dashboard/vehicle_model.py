@@ -19,7 +19,7 @@ from gcs_health.samples import FlightReading, ImuFilterReading, ImuReading, Read
 from gcs_health.vehicle_monitor import VehicleMonitor
 
 ROW_EVERY = 0.1  # s
-ROWS = 600
+ROWS = 620  # a minute, and what the plots wait with
 BLIND_POINTS = 96  # of the blind-band map
 LONGEST_NAME = 18
 UNBALANCES = (Quantity.UNBALANCE, Quantity.UNBALANCE_RELATIVE)

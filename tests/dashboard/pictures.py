@@ -105,8 +105,8 @@ def rotor(motor: int, place: tuple[float, float, float, int], level: Level = Lev
 def rows(n: int, failed: int = -1, at: float = 249.4) -> tuple[Row, ...]:
     """The last minute: hover with a slow sway; rotor index `failed` loses its propeller at `at`."""
     out = []
-    for k in range(600):
-        t = T - 60.0 + 0.1 * (k + 1)
+    for k in range(620):
+        t = T - 62.0 + 0.1 * (k + 1)
         lost = failed >= 0 and t >= at
         sway = [30.0 * math.sin(0.5 * t + i) for i in range(n)]
         out.append(

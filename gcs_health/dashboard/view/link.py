@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from gcs_health.dashboard.snapshot import RotorShot, Snapshot, VehicleShot
+from gcs_health.dashboard.snapshot import NeedShot, RotorShot, Snapshot, VehicleShot
 from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, title, wrap
 from gcs_health.dashboard.words import RPM, size
 
@@ -22,7 +22,7 @@ def link_page(snapshot: Snapshot, vehicle: VehicleShot | None, cells: int, rows:
     right += [
         fit(line(f"{name:<26}{rate:>7.1f}"), cells - wide - 2) for name, rate in vehicle.messages[: rows - 3]
     ]
-    lines += beside([*_about(snapshot, vehicle, wide), *needs(vehicle, wide)], wide, right)
+    lines += beside(_about(snapshot, vehicle, wide), wide, right)
     out = fill(lines, max(rows - 6, len(lines))) if rows < len(lines) + 6 else [*lines, BLANK]
     return fill([*out[: rows - 6], *blind_map(vehicle, cells), *_counters(snapshot, cells)], rows)
 
@@ -36,37 +36,47 @@ def _about(snapshot: Snapshot, vehicle: VehicleShot, cells: int) -> list[Line]:
             cells,
             "fail",
         )
+    for path in snapshot.link.recording[-1:]:
+        lines += wrap(f"recording {path}, {size(snapshot.link.recorded)}", cells, "bold", 2)
+    lines += needs(vehicle, cells)
+    if vehicle.requests:
+        lines += wrap(f"r: ask for {vehicle.requests}", cells, "key", 3)
     lines += wrap(f"airframe {vehicle.airframe or 'not known yet'}", cells, "", 2)
     for text in (*vehicle.warnings, *vehicle.clock, vehicle.imu, *vehicle.telemetry):
         lines += wrap(text, cells, "dim", 2)
     for name, reason in vehicle.refused:
         lines += wrap(f"{name} does not run: {reason}", cells, "warn", 2)
-    for path in snapshot.link.recording[-1:]:
-        lines += wrap(f"recording {path}, {size(snapshot.link.recorded)}", cells, "bold", 2)
     if not snapshot.link.recording and snapshot.replay is None:
         lines.append(line(("not recorded (--record)", "dim")))
-    if vehicle.requests:
-        lines += wrap(f"r: ask for {vehicle.requests}", cells, "key", 2)
     return lines
 
 
 def needs(vehicle: VehicleShot, cells: int) -> list[Line]:
-    """Return what each estimator needs against what comes."""
+    """Return what each estimator needs against what comes: in a line where it has all, else what would mend it."""
     lines: list[Line] = []
     told: set[str] = set()
-    before = ""
-    for need in vehicle.needs:
-        if need.estimator != before:
-            lines.append(line((f"{need.estimator.replace('_', ' ')} needs", "title")))
-            before = need.estimator
-        rate = "" if need.rate != need.rate else f" {need.rate:.0f}"
-        wanted = f" of {need.wanted:.0f} Hz" if need.wanted == need.wanted and rate else ""
-        mark, style = ("  ok ", "") if need.met else ("  ! missing ", "warn")
-        lines.append(fit(line((f"{mark}{need.input}{rate}{wanted}", style)), cells))
-        if not need.met and need.remedy not in told:
-            told.add(need.remedy)
-            lines += wrap(need.remedy, cells, "dim", 0, 4)
+    for estimator in dict.fromkeys(need.estimator for need in vehicle.needs):
+        mine = [need for need in vehicle.needs if need.estimator == estimator]
+        missing = [need for need in mine if not need.met]
+        name = estimator.replace("_", " ")
+        lines += wrap(
+            f"{'! ' if missing else 'ok '}{name}: {', '.join(map(_rate, mine))}", cells, _tone(missing), 3
+        )
+        for need in missing:
+            if need.remedy not in told:
+                told.add(need.remedy)
+                lines += wrap(need.remedy, cells, "dim", 0, 3)
     return lines
+
+
+def _tone(missing: Sequence[NeedShot]) -> str:
+    return "warn" if missing else ""
+
+
+def _rate(need: NeedShot) -> str:
+    if need.rate != need.rate:
+        return need.input if need.met else f"no {need.input}"
+    return f"{need.input} {need.rate:.0f} of {need.wanted:.0f} Hz"
 
 
 def blind_map(vehicle: VehicleShot, cells: int) -> list[Line]:

@@ -44,18 +44,33 @@ def plot(
     grid = [[0] * wide for _ in range(rows)]
     styles = [[""] * wide for _ in range(rows)]
     length = (ends[1] - ends[0]) or 1.0
+    shares = _shares(times, ends, 2 * wide)
+    bottom = 4 * rows - 1
+    steepness = bottom / (high - low)
+
+    def place(value: float) -> int:
+        y = int((high - value) * steepness + 0.5)
+        return 0 if y < 0 else bottom if y > bottom else y
+
     for values, style in curves:
         last: tuple[float, int, int] | None = None  # time, column and row of dots
-        for t, value in zip(times, values, strict=True):
-            if value != value or not ends[0] <= t <= ends[1]:
+        for t, x, start, end in shares:
+            known = values[start:end]
+            total = sum(known)
+            if total != total:  # not known at some moment: of the others
+                known = [value for value in known if value == value]
+            if not known:
                 last = None
                 continue
-            x = min(int((t - ends[0]) / length * 2 * wide), 2 * wide - 1)
-            y = min(max(int((high - value) / (high - low) * (4 * rows - 1) + 0.5), 0), 4 * rows - 1)
-            for dot_x, dot_y in _stroke(last if last is not None and t - last[0] <= GAP else None, x, y):
+            least, most = place(max(known)), place(min(known))
+            first = final = least
+            if least != most:
+                first, final = place(known[0]), place(known[-1])
+            joined = last if last is not None and t - last[0] <= GAP else None
+            for dot_x, dot_y in _stroke(joined, x, first, least, most):
                 grid[dot_y // 4][dot_x // 2] |= DOTS[dot_x & 1][dot_y & 3]
                 styles[dot_y // 4][dot_x // 2] = style
-            last = (t, x, y)
+            last = (times[end - 1], x, final)
     at = int((mark - ends[0]) / length * wide) if ends[0] <= mark <= ends[1] else -1
     labels = {0: f"{high:.{digits}f}", rows - 1: f"{low:.{digits}f}"}
     return [
@@ -64,13 +79,33 @@ def plot(
     ]
 
 
-def _stroke(last: tuple[float, int, int] | None, x: int, y: int) -> list[tuple[int, int]]:
-    """Return the dots from the last value to this one: held, then a step."""
+def _shares(
+    times: Sequence[float], ends: tuple[float, float], dots: int
+) -> list[tuple[float, int, int, int]]:
+    """Return (time of the first, column of dots, start, end) of the values that fall on each column."""
+    scale = dots / ((ends[1] - ends[0]) or 1.0)
+    out: list[tuple[float, int, int, int]] = []
+    start, column = 0, -1
+    for k, t in enumerate(times):
+        x = min(int((t - ends[0]) * scale), dots - 1) if ends[0] <= t <= ends[1] else -1
+        if x != column:
+            if column >= 0:
+                out.append((times[start], column, start, k))
+            start, column = k, x
+    if column >= 0:
+        out.append((times[start], column, start, len(times)))
+    return out
+
+
+def _stroke(
+    last: tuple[float, int, int] | None, x: int, first: int, least: int, most: int
+) -> list[tuple[int, int]]:
+    """Return the dots from the last value, held, to this column's, from its least row to its most."""
     if last is None:
-        return [(x, y)]
+        return [(x, row) for row in range(least, most + 1)]
     _, from_x, from_y = last
     held = [(column, from_y) for column in range(from_x + 1, x)]
-    return held + [(x, row) for row in range(min(from_y, y), max(from_y, y) + 1)]
+    return held + [(x, row) for row in range(min(from_y, first, least), max(from_y, first, most) + 1)]
 
 
 def _cells(dots: list[int], styles: list[str], mark: int) -> Line:

@@ -1,5 +1,6 @@
 """The whole screen: snapshot, state and size → a frame of lines, and what a click on them means."""
 
+import math
 from typing import NamedTuple
 
 from gcs_health.dashboard.snapshot import Snapshot, VehicleShot
@@ -112,7 +113,7 @@ def _overview(
         worst = max(range(n), key=lambda k: vehicle.rotors[k].level) if n else -1
         concerned = worst if n and vehicle.rotors[worst].level > 1 else -1
         block += [title("last minute", right)]
-        block += alerts.quarters(vehicle.rows, concerned, right, high - len(block), ends, float("nan"))
+        block += alerts.quarters(vehicle.rows, concerned, right, high - len(block), ends, math.nan)
     elif below:
         block += rotors.sparklines(vehicle.rotors, right)
     used = max(min(max(len(block), 14), high), min(len(block), rows - 2))
