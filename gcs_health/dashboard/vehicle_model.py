@@ -42,6 +42,8 @@ class VehicleModel:
         self._due = -math.inf
         self._filter = ImuFilter()
         self._since = NAN
+        self._seated: Airframe | None = None
+        self._seats: tuple[str, ...] = ()
 
     def copy(self) -> "VehicleModel":
         """Return one that goes on by itself."""
@@ -170,7 +172,7 @@ class VehicleModel:
         stale = bool(gone) or telemetry in (RotorState.STALE, RotorState.NOT_REPORTED)
         return RotorShot(
             motor=rotor.motor,
-            seat=frame.seat(k),
+            seat=self._seat(frame, k),
             position=rotor.position,
             spin=rotor.spin,
             level=level,
@@ -189,6 +191,12 @@ class VehicleModel:
             age=watched.rotors.age(rotor.esc, t) + silent,
             trail=self._trail_of(k, t + silent),
         )
+
+    def _seat(self, frame: Airframe, k: int) -> str:
+        if self._seated is not frame:  # worked out once: it takes all pairs of rotors
+            self._seated = frame
+            self._seats = tuple(frame.seat(each) for each in range(len(frame.rotors)))
+        return self._seats[k]
 
     def _figure(self, watched: VehicleMonitor, estimate: Estimate) -> Figure:
         together: tuple[int, ...] = ()

@@ -1,0 +1,184 @@
+"""In a real tmux, and in a real browser: what no pilot sees."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FLIGHT = ROOT / "replay" / "lost_propeller.tlog"
+GCS = f"{sys.executable} -m gcs_health"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+class Tmux:
+    """A tmux of its own, 80 x 24."""
+
+    def __init__(self, folder: Path) -> None:
+        self._base = ["tmux", "-u", "-S", str(folder / "tmux"), "-f", "/dev/null"]
+        self._folder = folder
+
+    def run(self, *arguments: str) -> str:
+        environment = {k: v for k, v in os.environ.items() if k not in ("TMUX", "NO_COLOR")}
+        environment |= {"LC_ALL": "C.UTF-8", "XDG_DATA_HOME": str(self._folder)}
+        done = subprocess.run(
+            [*self._base, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+            env=environment,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def start(self, command: str) -> None:
+        """Run a command; its exit code and what it printed stay on the screen."""
+        self.run("new-session", "-d", "-x", "80", "-y", "24", f"cd {ROOT}; {command}; echo EXIT $?; sleep 60")
+
+    def keys(self, *keys: str) -> None:
+        self.run("send-keys", *keys)
+
+    def screen(self) -> str:
+        return self.run("capture-pane", "-p")
+
+    def until(self, pattern: str, seconds: float = 30.0) -> str:
+        end = time.monotonic() + seconds
+        while not re.search(pattern, shown := self.screen()):
+            assert time.monotonic() < end, shown
+            time.sleep(0.1)
+        return shown
+
+
+@pytest.fixture
+def tmux(tmp_path: Path) -> Iterator[Tmux]:
+    if shutil.which("tmux") is None:
+        pytest.skip("tmux is not installed")
+    terminal = Tmux(tmp_path)
+    yield terminal
+    subprocess.run([*terminal._base, "kill-server"], capture_output=True, check=False, timeout=10)
+
+
+def test_a_replay_in_tmux_from_the_command_to_a_clean_end(tmux: Tmux) -> None:
+    tmux.start(f"{GCS} replay {FLIGHT} --dashboard")
+    shown = tmux.until(r"1\.1 PX4 4 rotors[\s\S]*100 %|00:13 ")
+    assert len(shown.splitlines()) == 24
+    tmux.until("✗─|✗ ")  # the forerunner has found the alert
+    tmux.keys("n")
+    shown = tmux.until("ROTOR FAILED")
+    assert "motor 3 front left" in shown
+    assert "╔═════════╗" in shown
+    tmux.keys("Enter")
+    tmux.until("what happened")
+    tmux.keys("Escape")
+    tmux.until("── airframe")
+    tmux.keys("q")
+    shown = tmux.until(r"EXIT \d+")
+    assert "EXIT 0" in shown
+    assert "Traceback" not in shown
+
+
+def test_live_in_tmux_without_colour_ends_with_ctrl_c_and_closes_its_recording(
+    tmux: Tmux, tmp_path: Path
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    record = tmp_path / "flight.tlog"
+    tmux.start(f"NO_COLOR=1 {GCS} live udpin://127.0.0.1:{port} --record {record} --history none")
+    tmux.until("listening")
+    tmux.keys("C-c")
+    shown = tmux.until(r"EXIT \d+")
+    assert "EXIT 130" in shown
+    assert "Traceback" not in shown
+    assert record.exists()
+
+
+def test_plain_on_a_terminal_is_lines_of_text(tmux: Tmux) -> None:
+    tmux.start(f"{GCS} live file://{FLIGHT} --plain --history none")
+    assert "ROTOR_FAILED raised" in tmux.until(r"EXIT \d+")
+    assert "airframe ──" not in tmux.screen()
+
+
+@pytest.fixture
+def browser() -> str:
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("no chromium is installed")
+    if find_spec("textual_serve") is None:
+        pytest.skip("textual-serve is not installed: pip install 'gcs-health[web]'")
+    return found
+
+
+def test_the_dashboard_in_a_browser(browser: str, tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    picture = Path(os.environ.get("GCS_HEALTH_WEB_PICTURE", tmp_path / "web.png"))
+    server = subprocess.Popen(
+        [sys.executable, "-m", "gcs_health", "replay", str(FLIGHT), "--web", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=ROOT,
+    )
+    try:
+        wait_for(port)
+        assert not answers(other_address(), port)  # nobody else's computer
+        shot = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        shot += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1100,700", "--timeout=6000"]
+        shot += [f"--screenshot={picture}", f"http://127.0.0.1:{port}/"]
+        done = subprocess.run(shot, capture_output=True, timeout=60, check=False)
+        assert picture.exists(), done.stderr.decode()[-2000:]
+    finally:
+        server.terminate()
+        server.wait(timeout=10)
+    assert colours(picture) > 30  # a blank page has a handful
+
+
+def wait_for(port: int) -> None:
+    end = time.monotonic() + 20.0
+    while True:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=2.0):
+                return
+        except OSError:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+
+
+def answers(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=0.5).close()
+    except OSError:
+        return False
+    return True
+
+
+def other_address() -> str:
+    """Return an address of this computer that is not loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))  # sends nothing
+        return str(probe.getsockname()[0])
+
+
+def colours(picture: Path) -> int:
+    """Return how many values of a byte the unpacked PNG has: a measure of how much is on it."""
+    import zlib
+
+    data = picture.read_bytes()
+    packed, at = b"", 8
+    while at < len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        if data[at + 4 : at + 8] == b"IDAT":
+            packed += data[at + 8 : at + 8 + length]
+        at += 12 + length
+    return len(set(zlib.decompress(packed)))
