@@ -1,5 +1,6 @@
 """In a real tmux, and in a real browser: what no pilot sees."""
 
+import asyncio
 import os
 import re
 import shutil
@@ -8,10 +9,12 @@ import subprocess
 import sys
 import time
 import urllib.request
+import zlib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -120,10 +123,12 @@ def browser() -> str:
 
 
 def test_the_dashboard_in_a_browser(browser: str, tmp_path: Path) -> None:
+    """Set GCS_HEALTH_PICTURES to a folder to keep what the browser showed: look at it."""
+    from browser import pictures
+
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    picture = Path(os.environ.get("GCS_HEALTH_WEB_PICTURE", tmp_path / "web.png"))
     server = subprocess.Popen(
         [sys.executable, "-m", "gcs_health", "replay", str(FLIGHT), "--web", str(port)],
         stdout=subprocess.DEVNULL,
@@ -133,15 +138,16 @@ def test_the_dashboard_in_a_browser(browser: str, tmp_path: Path) -> None:
     try:
         wait_for(port)
         assert not answers(other_address(), port)  # nobody else's computer
-        shot = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        shot += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1100,700", "--timeout=6000"]
-        shot += [f"--screenshot={picture}", f"http://127.0.0.1:{port}/"]
-        done = subprocess.run(shot, capture_output=True, timeout=60, check=False)
-        assert picture.exists(), done.stderr.decode()[-2000:]
+        url = f"http://127.0.0.1:{port}/"
+        shots = asyncio.run(pictures(browser, url, tmp_path / "profile", "n", shows_alarm))
     finally:
         server.terminate()
         server.wait(timeout=10)
-    assert colours(picture) > 30  # a blank page has a handful
+    folder = Path(os.environ.get("GCS_HEALTH_PICTURES", tmp_path))
+    for name, shot in zip(("begun-top", "begun", "alert-top", "alert"), shots, strict=True):
+        (folder / f"web-{name}.png").write_bytes(shot)
+    assert not shows_alarm(shots[0])  # the banner's red is there with the alert, and not before
+    assert shows_alarm(shots[2])
 
 
 def wait_for(port: int) -> None:
@@ -170,15 +176,37 @@ def other_address() -> str:
         return str(probe.getsockname()[0])
 
 
-def colours(picture: Path) -> int:
-    """Return how many values of a byte the unpacked PNG has: a measure of how much is on it."""
-    import zlib
-
-    data = picture.read_bytes()
-    packed, at = b"", 8
-    while at < len(data):
-        length = int.from_bytes(data[at : at + 4], "big")
-        if data[at + 4 : at + 8] == b"IDAT":
-            packed += data[at + 8 : at + 8 + length]
+def shows_alarm(png: bytes) -> bool:
+    """Whether a good part of a small 8-bit RGB picture has the alarm's red."""
+    packed, at, wide, colours = b"", 8, 0, 3
+    while at < len(png):
+        length = int.from_bytes(png[at : at + 4], "big")
+        body = png[at + 8 : at + 8 + length]
+        if png[at + 4 : at + 8] == b"IHDR":
+            wide, colours = int.from_bytes(body[:4], "big"), {2: 3, 6: 4}[body[9]]
+        elif png[at + 4 : at + 8] == b"IDAT":
+            packed += body
         at += 12 + length
-    return len(set(zlib.decompress(packed)))
+    rows = unfiltered(zlib.decompress(packed), wide * colours, colours)
+    red = np.abs(rows.reshape(-1, colours)[:, :3].astype(int) - (0xC8, 0x1E, 0x1E)).max(axis=1) < 12
+    return bool(red.mean() > 0.2)
+
+
+def unfiltered(data: bytes, length: int, step: int) -> np.ndarray:  # type: ignore[type-arg]
+    """Return (rows, length) bytes of a picture: PNG's five filters undone (its specification, section 9)."""
+    before = np.zeros(length, int)
+    out = []
+    for start in range(0, len(data), length + 1):
+        kind, row = data[start], np.frombuffer(data[start + 1 : start + 1 + length], np.uint8).astype(int)
+        if kind == 2:
+            row = row + before
+        elif kind:
+            for k in range(length):
+                left, up = (row[k - step] if k >= step else 0), before[k]
+                corner = before[k - step] if k >= step else 0
+                guess = left + up - corner
+                nearest = min((left, up, corner), key=lambda value: abs(guess - value))
+                row[k] = (row[k] + (left, 0, (left + up) // 2, nearest)[kind - 1]) & 0xFF
+        before = row & 0xFF
+        out.append(before)
+    return np.array(out)
