@@ -11,6 +11,7 @@ from gcs_health.dashboard.words import AUTOPILOT, mode_name
 from gcs_health.estimators.amplitude_model import ImuFilter, highpass_gain
 from gcs_health.estimators.contract import REASON_TEXT, Estimate, Quantity, Reason
 from gcs_health.estimators.unbalance_config import RecommendedConfig
+from gcs_health.fusion.alerts import CLEAR_KIND
 from gcs_health.fusion.kinds import FAILED, UNKNOWN, Kind
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.gate import GRAVITY
@@ -159,7 +160,7 @@ class VehicleModel:
         verdict = watched.verdicts[k] if watched.verdicts else None
         figures = tuple(self._figure(watched, each) for each in watched.latest if each.rotor == k)
         gone = f"nothing heard for {silent:.0f} s" if silent > SILENT else ""
-        state, level = _state(verdict)
+        state, level, sure = _state(verdict)
         if level is not Level.FAILED and rotor.motor in alarmed:
             state, level = alarmed[rotor.motor], Level.FAILED
         why = _why(verdict, figures)
@@ -177,7 +178,7 @@ class VehicleModel:
             spin=rotor.spin,
             level=level,
             state=state,
-            probability=verdict.probability if verdict is not None else NAN,
+            probability=sure,
             since=verdict.since if verdict is not None else NAN,
             why=why,
             sources=verdict.sources if verdict is not None else (),
@@ -252,12 +253,19 @@ def blind_map(rate: float, fastest: float, what: ImuFilter) -> tuple[tuple[float
     return tuple(zip(omega.tolist(), gain.tolist(), strict=True))
 
 
-def _state(verdict: Verdict | None) -> tuple[str, Level]:
-    if verdict is None or verdict.state == UNKNOWN:
-        return UNKNOWN, Level.UNKNOWN
+def _state(verdict: Verdict | None) -> tuple[str, Level, float]:
+    """Return the state in words, its level and how sure it is; as the alert has it while the kind is not clear."""
+    if verdict is None:
+        return UNKNOWN, Level.UNKNOWN, NAN
+    if verdict.state == UNKNOWN:
+        return UNKNOWN, Level.UNKNOWN, verdict.probability
     if verdict.kind is Kind.HEALTHY:
-        return verdict.state, Level.OK
-    return verdict.state, Level.FAILED if verdict.kind in FAILED else Level.WARN
+        return verdict.state, Level.OK, verdict.probability
+    if verdict.kind not in FAILED:
+        return verdict.state, Level.WARN, verdict.probability
+    if verdict.probability < CLEAR_KIND * verdict.failed:
+        return "rotor failed", Level.FAILED, verdict.failed
+    return verdict.state, Level.FAILED, verdict.probability
 
 
 def _why(verdict: Verdict | None, figures: tuple[Figure, ...]) -> str:

@@ -68,7 +68,8 @@ def svg(shown: Snapshot, size: tuple[int, int], theme: str = "dark", keys: tuple
         out.append(app.export_screenshot(title="gcs_health"))
 
     on_screen(shown, act, size, theme)
-    return re.sub(r"terminal-\d+", "terminal", out[0])
+    bare = re.sub(r"@font-face \{.*?\}\s*", "", out[0], flags=re.DOTALL)  # fonts from elsewhere
+    return re.sub(r"terminal-\d+", "terminal", bare)
 
 
 def golden(scene: str, frame: str, size: tuple[int, int]) -> Path:
