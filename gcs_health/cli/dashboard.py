@@ -61,6 +61,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError("--jsonl -: the dashboard has standard output; name a file, or use --plain")
     if options.command == "replay" and len(options.files) > 1:
         raise ConfigError("--dashboard shows one flight at a time; name one file (a folder is one session)")
+    if options.command == "replay" and options.files == ["-"]:
+        raise ConfigError("--dashboard reads keys from standard input: name a file instead of -")
     if options.web is not None:
         from gcs_health.cli.web import serve
 

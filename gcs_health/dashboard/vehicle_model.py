@@ -208,7 +208,9 @@ class VehicleModel:
                 if (other.estimator, other.quantity) == (estimate.estimator, estimate.quantity)
                 and Reason.NOT_IDENTIFIABLE in other.reasons
             ]
-            together = tuple(alike) if len(alike) > 1 else ()
+            together = (
+                tuple(alike) if 1 < len(alike) < len(watched.airframe.rotors) else ()
+            )  # all = no evidence
         trend = self._trends.get((estimate.rotor, estimate.quantity))
         change = NAN
         if trend and trend[-1][0] - trend[0][0] >= 20.0:

@@ -268,6 +268,8 @@ def test_what_does_not_go_together_is_told() -> None:
         run_screen(options("demo", "--dashboard", "--jsonl", "-"))
     with pytest.raises(ConfigError, match="one flight at a time"):
         run_screen(options("replay", "a.tlog", "b.tlog", "--dashboard"))
+    with pytest.raises(ConfigError, match="name a file"):
+        run_screen(options("replay", "-", "--dashboard"))
 
 
 def test_the_browsers_session_is_the_command_without_web() -> None:

@@ -58,9 +58,12 @@ def needs(vehicle: VehicleShot, cells: int) -> list[Line]:
     for estimator in dict.fromkeys(need.estimator for need in vehicle.needs):
         mine = [need for need in vehicle.needs if need.estimator == estimator]
         missing = [need for need in mine if not need.met]
-        name = estimator.replace("_", " ")
+        name, lacks = estimator.replace("_", " "), ", ".join(map(_rate, missing or mine))
         lines += wrap(
-            f"{'! ' if missing else 'ok '}{name}: {', '.join(map(_rate, mine))}", cells, _tone(missing), 3
+            f"{'! ' if missing else 'ok '}{name}{' lacks' if missing else ':'} {lacks}",
+            cells,
+            _tone(missing),
+            3,
         )
         for need in missing:
             if need.remedy not in told:
@@ -75,7 +78,7 @@ def _tone(missing: Sequence[NeedShot]) -> str:
 
 def _rate(need: NeedShot) -> str:
     if need.rate != need.rate:
-        return need.input if need.met else f"no {need.input}"
+        return need.input
     return f"{need.input} {need.rate:.0f} of {need.wanted:.0f} Hz"
 
 

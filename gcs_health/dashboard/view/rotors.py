@@ -37,7 +37,7 @@ def _unbalance(rotor: RotorShot) -> str:
     if figure is None:
         return "–"
     if figure.together:
-        return "|".join(map(str, figure.together)) if len(figure.together) < 4 else "any"
+        return "|".join(map(str, figure.together))[:5]
     return number(1e6 * figure.value, 1)
 
 

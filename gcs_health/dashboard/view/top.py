@@ -129,7 +129,7 @@ def _calm(vehicle: VehicleShot, cells: int) -> Line:
 
 def common_reason(rotors: Sequence[RotorShot]) -> str:
     """Return what keeps most of them unknown."""
-    reasons = [rotor.why for rotor in rotors if rotor.why]
+    reasons = [rotor.why.split("; ")[0] for rotor in rotors if rotor.why]
     return max(reasons, key=reasons.count) if reasons else "no evidence yet"
 
 
