@@ -273,9 +273,9 @@ def _jump(
         times = sorted(of(snapshot.replay))
         found = [us for us in times if (us > at + slack if forward else us < at - slack)]
         if not found:
-            return replace(
-                state, said=f"no {'later' if forward else 'earlier'} {what} in what was read so far"
-            ), ()
+            read = snapshot.replay.scanned
+            so_far = "" if read >= 1.0 else f" in the {100 * read:.0f} % read so far"
+            return replace(state, said=f"no {'later' if forward else 'earlier'} {what}{so_far}"), ()
         us = found[0] if forward else found[-1]
         return replace(state, said=""), (c.Seek(us + 200_000),)
 

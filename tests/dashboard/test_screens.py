@@ -167,6 +167,7 @@ def test_every_theme_has_every_style_and_an_alarm_that_stands_out(theme: str) ->
     assert set(PALETTES[theme]) | {"stale"} >= set(PALETTES["dark"])
     assert style_of(theme, "alarm") != style_of(theme, "")
     assert style_of(theme, "fail") != style_of(theme, "")
+    assert not style_of(theme, "curve").reverse  # a bar reversed is high where it should be low
 
 
 def luminance(colour: Any) -> float:
@@ -194,7 +195,9 @@ def test_an_error_of_the_pipeline_ends_the_screen() -> None:
         app = Dashboard(pipeline)
         async with app.run_test(size=(80, 24)) as pilot:
             pipeline.error, pipeline.done = OSError("gone"), True
-            await pilot.pause(0.3)
+            for _ in range(100):
+                if not app._exit:
+                    await pilot.pause(0.1)
             assert app._exit
 
     asyncio.run(run())

@@ -151,7 +151,7 @@ def _panels(
     def rotors(name: str, factor: float = 1.0) -> list[tuple[list[float], str]]:
         columns = list(zip(*(getattr(row, name) for row in trace), strict=False))
         order = sorted(range(len(columns)), key=lambda k: k == concerned)
-        return [([v * factor for v in columns[k]], "fail" if k == concerned else "dim") for k in order]
+        return [([v * factor for v in columns[k]], "curve" if k == concerned else "dim") for k in order]
 
     def panel(name: str, drawn: list[Line]) -> list[Line]:
         return [line((f"{' ' * 7}{name}", "dim")), *drawn]
@@ -162,7 +162,7 @@ def _panels(
     if rows < 10:
         return tuple(out)
     chances = plot(times, rotors("failed"), wide, high, ends, (0.0, 1.0), mark)
-    lift = [([row.expected for row in trace], "dim"), ([row.lift for row in trace], "warn")]
+    lift = [([row.expected for row in trace], "dim"), ([row.lift for row in trace], "curve")]
     lifts = plot(times, lift, wide, high, ends, None, mark)
     lifted = panel("lift m/s²: measured, faint: as if healthy", lifts)
     return tuple(out + beside(panel("failure probability", chances), wide, lifted))

@@ -1,6 +1,7 @@
 """Lines: tuples of (text, style name). All that is drawn is one cell wide, so a text's length is its width.
 
-Styles: "" plain, dim, bold, title, ok, warn, fail, alarm, acked, unknown, key, pick.
+Styles: "" plain, dim, bold, title, ok, warn, fail, alarm, caution, acked, stale, unknown, key, pick; curve: of bars
+and plots, never reversed, which would turn them over.
 """
 
 from collections.abc import Iterable, Sequence

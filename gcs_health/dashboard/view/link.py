@@ -58,13 +58,9 @@ def needs(vehicle: VehicleShot, cells: int) -> list[Line]:
     for estimator in dict.fromkeys(need.estimator for need in vehicle.needs):
         mine = [need for need in vehicle.needs if need.estimator == estimator]
         missing = [need for need in mine if not need.met]
-        name, lacks = estimator.replace("_", " "), ", ".join(map(_rate, missing or mine))
-        lines += wrap(
-            f"{'! ' if missing else 'ok '}{name}{' lacks' if missing else ':'} {lacks}",
-            cells,
-            _tone(missing),
-            3,
-        )
+        head = f"! {estimator} lacks" if missing else f"ok {estimator}:"
+        said = ", ".join(map(_rate, missing or mine))
+        lines += wrap(f"{head.replace('_', ' ')} {said}", cells, _tone(missing), 3)
         for need in missing:
             if need.remedy not in told:
                 told.add(need.remedy)

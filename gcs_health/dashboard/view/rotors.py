@@ -70,10 +70,11 @@ def _spark(rotor: RotorShot) -> str:
     return sparkline(rotor.trail, 9)
 
 
+SPARK = "last min"
 COLUMNS = (
     Column("M", 3, 0, lambda rotor: str(rotor.motor)),
     Column("", 12, 6, lambda rotor: rotor.seat.split(",")[0][:11]),
-    Column("last min", 10, 99, _spark),
+    Column(SPARK, 10, 99, _spark),
     Column("verdict", 15, 1, _verdict),
     Column("eff", 9, 2, _effectiveness),
     Column("unbal", 6, 4, _unbalance),
@@ -111,7 +112,13 @@ def table(rotors: Sequence[RotorShot], cells: int, sparks: bool, chosen: int = 0
     lines.append(fit(line(("".join(_place(column, column.title) for column in shown), "dim")), cells))
     for rotor in rotors:
         style = STYLE[rotor.level]
-        parts = [(_place(column, column.cell(rotor)), style) for column in shown]
+        parts = [
+            (
+                _place(column, column.cell(rotor)),
+                "curve" if column.title == SPARK and style == "fail" else style,
+            )
+            for column in shown
+        ]
         if rotor.motor == chosen:
             parts[0] = (parts[0][0], "pick")
         lines.append(fit(tuple(parts), cells))
@@ -126,11 +133,16 @@ def sparklines(rotors: Sequence[RotorShot], cells: int) -> list[Line]:
     lines = [title("last minute: failure probability", cells)]
     wide = cells - 3
     for rotor in rotors:
-        lines.append(line(f"{rotor.motor:<3}", (sparkline(rotor.trail, wide), STYLE[rotor.level] or "dim")))
+        lines.append(
+            line(
+                f"{rotor.motor:<3}",
+                (sparkline(rotor.trail, wide), "curve" if rotor.level is Level.FAILED else "dim"),
+            )
+        )
     return lines
 
 
-LEFT = frozenset({"M", "", "verdict", "last min"})
+LEFT = frozenset({"M", "", "verdict", SPARK})
 
 
 def _place(column: Column, text: str) -> str:
