@@ -125,10 +125,10 @@ def on_terminal(
                 break
             if not asked and seen(data, time.monotonic() - began):
                 asked = True
-                os.write(master, b"q")
+                os.write(master, b"qy")  # an armed vehicle: it asks
         elif not asked and seen(b"", time.monotonic() - began):
             asked = True
-            os.write(master, b"q")
+            os.write(master, b"qy")  # an armed vehicle: it asks
     _, _, usage = os.wait4(process.pid, 0)
     os.close(master)
     return usage

@@ -24,6 +24,7 @@ class Overlay(StrEnum):
     NONE = ""
     HELP = "help"
     REQUEST = "request"
+    QUIT = "quit"
     SEEK = "seek"
     FILTER = "filter"
 
@@ -96,8 +97,10 @@ def press(state: State, key: str, snapshot: Snapshot) -> Result:
         if key == "y" and vehicle is not None:
             return replace(state, said=f"asked {vehicle.name}"), (c.RequestRates(vehicle.name),)
         return replace(state, said="nothing was sent"), ()
+    if state.overlay is Overlay.QUIT:
+        return replace(state, overlay=Overlay.NONE, quit=key in ("y", "q")), ()
     if state.overlay is Overlay.HELP:
-        return replace(state, overlay=Overlay.NONE, quit=key == "q"), ()
+        return replace(state, overlay=Overlay.NONE), ()
     act = KEYS.get(key)
     if act is not None:
         return act(state, snapshot)
@@ -310,6 +313,10 @@ def _end(last: bool) -> Callable[[State, Snapshot], Result]:
 
 
 def _quit(state: State, snapshot: Snapshot) -> Result:
+    """Leave; ask first where that would end the watch over a vehicle that is armed."""
+    live = snapshot.replay is None and not snapshot.ended
+    if live and any(vehicle.armed and not vehicle.stale for vehicle in snapshot.vehicles):
+        return replace(state, overlay=Overlay.QUIT), ()
     return replace(state, quit=True), ()
 
 

@@ -18,6 +18,7 @@ from gcs_health.dashboard.snapshot import Snapshot
 
 GOLDEN = Path(__file__).parent / "golden"
 SIZES = ((80, 24), (160, 50))
+PAGES = {"why": "enter", "rotor": "1", "link": "l", "alerts": "tab", "help": "question_mark", "request": "r"}
 CASES = [(scene, frame, size) for scene in p.SCENES for frame in ("quad", "hexa", "octa") for size in SIZES]
 
 
@@ -81,4 +82,6 @@ if __name__ == "__main__":
     GOLDEN.mkdir(exist_ok=True)
     for scene, frame, size in CASES:
         golden(scene, frame, size).write_text(svg(p.SCENES[scene](frame), size), encoding="utf-8")
-    sys.stdout.write(f"{len(CASES)} pictures in {GOLDEN}: look at them\n")
+    for page, key in PAGES.items():
+        golden(page, "quad", SIZES[0]).write_text(svg(p.failing(), SIZES[0], keys=(key,)), encoding="utf-8")
+    sys.stdout.write(f"{len(CASES) + len(PAGES)} pictures in {GOLDEN}: look at them\n")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pictures as p
 import pytest
-from screens import CASES, Still, golden, on_screen, svg
+from screens import CASES, PAGES, SIZES, Still, golden, on_screen, svg
 
 from gcs_health.dashboard import commands as c
 from gcs_health.dashboard.app import NAMED, Dashboard
@@ -19,6 +19,13 @@ from gcs_health.dashboard.view.lines import plain
 def test_the_screen_is_as_it_was(scene: str, frame: str, size: tuple[int, int]) -> None:
     wanted = golden(scene, frame, size).read_text(encoding="utf-8")
     same = svg(p.SCENES[scene](frame), size) == wanted  # pytest would print megabytes of difference
+    assert same, "changed: python tests/dashboard/screens.py makes it anew; look at the difference"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_page_is_as_it_was(page: str) -> None:
+    wanted = golden(page, "quad", SIZES[0]).read_text(encoding="utf-8")
+    same = svg(p.failing(), SIZES[0], keys=(PAGES[page],)) == wanted
     assert same, "changed: python tests/dashboard/screens.py makes it anew; look at the difference"
 
 

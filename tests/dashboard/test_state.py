@@ -148,6 +148,17 @@ def test_every_key_is_harmless_with_nobody_there_and_in_every_overlay(key: str) 
             assert not state.quit or key == "q"
 
 
+def test_q_does_not_end_the_watch_over_an_armed_vehicle_by_one_slip() -> None:
+    assert not pressed(p.healthy(), "q")[0].quit
+    assert not pressed(p.healthy(), "q", "x")[0].quit
+    assert pressed(p.healthy(), "q", "y")[0].quit
+    assert pressed(p.healthy(), "q", "q")[0].quit
+    for shown in (p.replayed(), EMPTY, p.silent(), replace(p.healthy(), ended="over")):
+        assert pressed(shown, "q")[0].quit
+    parked = replace(p.healthy(), vehicles=(replace(p.vehicle("quad"), armed=False),))
+    assert pressed(parked, "q")[0].quit
+
+
 def test_help_closes_with_any_key_and_ctrl_c_always_ends() -> None:
     assert pressed(p.healthy(), "question_mark")[0].overlay is Overlay.HELP
     assert pressed(p.healthy(), "question_mark", "x")[0].overlay is Overlay.NONE

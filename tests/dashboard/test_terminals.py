@@ -4,6 +4,7 @@ import asyncio
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -62,6 +63,15 @@ class Tmux:
         return shown
 
 
+def free_port() -> int:
+    """Return a port that neither UDP nor TCP has."""
+    with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        tcp.bind(("127.0.0.1", 0))
+        port = int(tcp.getsockname()[1])
+        udp.bind(("127.0.0.1", port))
+        return port
+
+
 @pytest.fixture
 def tmux(tmp_path: Path) -> Iterator[Tmux]:
     if shutil.which("tmux") is None:
@@ -93,15 +103,26 @@ def test_a_replay_in_tmux_from_the_command_to_a_clean_end(tmux: Tmux) -> None:
 def test_live_in_tmux_without_colour_ends_with_ctrl_c_and_closes_its_recording(
     tmux: Tmux, tmp_path: Path
 ) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     record = tmp_path / "flight.tlog"
     tmux.start(f"NO_COLOR=1 {GCS} live udpin://127.0.0.1:{port} --record {record} --history none")
     tmux.until("listening")
     tmux.keys("C-c")
     shown = tmux.until(r"EXIT \d+")
     assert "EXIT 130" in shown
+    assert "Traceback" not in shown
+    assert record.exists()
+
+
+@pytest.mark.parametrize("number", ["TERM", "HUP"])
+def test_a_signal_ends_it_as_cleanly(tmux: Tmux, tmp_path: Path, number: str) -> None:
+    record = tmp_path / "flight.tlog"
+    where = f"udpin://127.0.0.1:{free_port()}"
+    command = f"exec {GCS} live {where} --record {record} --history none"
+    tmux.start(f"sh -c 'echo $$ > {tmp_path}/pid; {command}'")
+    tmux.until("listening")
+    os.kill(int((tmp_path / "pid").read_text()), getattr(signal, f"SIG{number}"))
+    shown = tmux.until(r"EXIT \d+")
     assert "Traceback" not in shown
     assert record.exists()
 
@@ -126,9 +147,7 @@ def test_the_dashboard_in_a_browser(browser: str, tmp_path: Path) -> None:
     """Set GCS_HEALTH_PICTURES to a folder to keep what the browser showed: look at it."""
     from browser import pictures
 
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     server = subprocess.Popen(
         [sys.executable, "-m", "gcs_health", "replay", str(FLIGHT), "--web", str(port)],
         stdout=subprocess.DEVNULL,

@@ -12,7 +12,7 @@ HELP = (
     ("/", "filter the list by words", "v", "next vehicle"),
     ("n N", "next, previous alert", "t", "theme"),
     ("r", "request message rates: asks first", "ctrl+p", "commands by name"),
-    ("", "", "q", "quit; also ctrl+c"),
+    ("", "", "q", "quit; ctrl+c: at once"),
 )
 REPLAY_HELP = (
     ("space", "pause, play", "g", "go to 2:30 +10 -5 50%"),
@@ -39,6 +39,11 @@ def overlay(snapshot: Snapshot, state: State, cells: int) -> list[Line]:
         )
         lines.append(line(("y", "key"), " send     ", ("any other key", "key"), " do not"))
         return _box("request message rates", lines, wide)
+    if state.overlay is Overlay.QUIT:
+        recorded = " and its recording" if snapshot.link.recording else ""
+        asked = line(f"A vehicle is armed. End the watch over it{recorded}?")
+        keys = line(("y", "key"), ", ", ("q", "key"), " quit     ", ("any other key", "key"), " stay")
+        return _box("quit", [asked, keys], min(cells - 2, 64))
     if state.overlay is Overlay.SEEK:
         text = line("to: ", (state.text, "bold"), ("▏", "pick"), ("   2:30  +10  -5  50%", "dim"))
         return _box("go to a time", [text], min(cells - 2, 50))
