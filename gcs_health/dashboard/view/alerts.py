@@ -1,15 +1,10 @@
 """The list of alerts, newest first, and one of them in full: why."""
 
-import math
-from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
-from functools import lru_cache
-
-from gcs_health.dashboard.snapshot import Entry, Level, Row, Snapshot, VehicleShot
+from gcs_health.dashboard.snapshot import Entry, Level, Snapshot, VehicleShot
 from gcs_health.dashboard.state import State, chosen_entry, shown_entries
-from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, title, wrap
-from gcs_health.dashboard.view.plot import GUTTER, plot
-from gcs_health.dashboard.words import RPM, SEVERITY, UNIX, clock, percent
+from gcs_health.dashboard.view.lines import Line, beside, fill, fit, line, title, wrap
+from gcs_health.dashboard.view.trace import quarters
+from gcs_health.dashboard.words import SEVERITY, UNIX, clock
 
 AFTER = 10.0  # s; `alerts_model` keeps so much behind an alert
 
@@ -103,117 +98,3 @@ def evidence_plots(entry: Entry, vehicle: VehicleShot, cells: int, rows: int) ->
         return [line(("   the seconds around it are no longer kept", "dim"))]
     ends = (trace[0].t, max(trace[-1].t, entry.t + AFTER / 5))
     return quarters(trace, concerned, cells, rows, ends, entry.t)
-
-
-def quarters(
-    trace: Sequence[Row], concerned: int, cells: int, rows: int, ends: tuple[float, float], mark: float
-) -> list[Line]:
-    """Return effectiveness, speed, failure probability and lift of these rows; one rotor before the others.
-
-    What is newer than the last whole column of dots waits for the next: the plots are drawn anew once a column.
-    """
-    length = round(ends[1] - ends[0], 3)  # the same from picture to picture, whatever the times' last digits
-    column = length / (2 * max((cells - 2) // 2 - GUTTER - 1, 4))
-    end = math.floor(ends[1] / column) * column if column > 0.0 else ends[1]
-    ends = (end - length, end)
-    first = bisect_left(trace, ends[0], key=_time)
-    last = bisect_right(trace, ends[1], key=_time)
-    return list(_panels(_Rows(tuple(trace[first:last])), concerned, cells, rows, ends, mark))
-
-
-def _time(row: Row) -> float:
-    return row.t
-
-
-class _Rows:
-    """Rows that are the same if their ends are: one vehicle's, in order."""
-
-    def __init__(self, rows: tuple[Row, ...]) -> None:
-        self.rows = rows
-        self._key = (len(rows), rows[0], rows[-1]) if rows else ()
-
-    def __hash__(self) -> int:
-        return hash((len(self.rows), self.rows[-1].t if self.rows else 0.0))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Rows) and self._key == other._key
-
-
-@lru_cache(maxsize=16)
-def _panels(
-    of: _Rows, concerned: int, cells: int, rows: int, ends: tuple[float, float], mark: float
-) -> tuple[Line, ...]:
-    trace = of.rows
-    times = [row.t for row in trace]
-    wide = (cells - 2) // 2
-    high = (rows - 2) // 2 if rows >= 10 else rows - 1
-
-    def rotors(name: str, factor: float = 1.0) -> list[tuple[list[float], str]]:
-        columns = list(zip(*(getattr(row, name) for row in trace), strict=False))
-        order = sorted(range(len(columns)), key=lambda k: k == concerned)
-        return [([v * factor for v in columns[k]], "curve" if k == concerned else "dim") for k in order]
-
-    def panel(name: str, drawn: list[Line]) -> list[Line]:
-        return [line((f"{' ' * 7}{name}", "dim")), *drawn]
-
-    effectiveness = plot(times, rotors("effectiveness"), wide, high, ends, (-0.2, 1.2), mark)
-    speeds = plot(times, rotors("speed", RPM), wide, high, ends, None, mark, 0)
-    out = beside(panel("effectiveness", effectiveness), wide, panel("rotor speed, rpm", speeds))
-    if rows < 10:
-        return tuple(out)
-    chances = plot(times, rotors("failed"), wide, high, ends, (0.0, 1.0), mark)
-    lift = [([row.expected for row in trace], "dim"), ([row.lift for row in trace], "curve")]
-    lifts = plot(times, lift, wide, high, ends, None, mark)
-    lifted = panel("lift m/s²: measured, faint: as if healthy", lifts)
-    return tuple(out + beside(panel("failure probability", chances), wide, lifted))
-
-
-def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[Line]:
-    """Return all that is known of one rotor."""
-    rotor = next(
-        (r for r in vehicle.rotors if r.motor == motor), vehicle.rotors[0] if vehicle.rotors else None
-    )
-    if rotor is None:
-        return fill([title("rotor", cells), line(("   the airframe is not known yet", "dim"))], rows)
-    style = {Level.FAILED: "fail", Level.WARN: "warn", Level.UNKNOWN: "unknown"}.get(rotor.level, "ok")
-    lines = [title(f"motor {rotor.motor}   {rotor.seat}", cells)]
-    sources = f"  by {', '.join(rotor.sources)}" if rotor.sources else ""
-    lines.append(
-        line((f"{rotor.state} {percent(rotor.probability)}", style), f"  since {clock(rotor.since)}{sources}")
-    )
-    if rotor.why:
-        lines += wrap(f"why: {rotor.why}", cells, "dim", 5)
-    others = sorted(rotor.posterior, key=lambda each: -each[1])[:5]
-    lines.append(fit(line(("   ".join(f"{kind} {p:.3f}" for kind, p in others), "dim")), cells))
-    lines += [BLANK, _telemetry(rotor.telemetry, rotor.age, rotor.voltage, rotor.temperature_degc)]
-    head = f"{'estimator':<15}{'quantity':<18}{'value':>8}{'spread':>8}{'P(fault)':>9}{'seen at':>9}  state"
-    lines += [BLANK, fit(line((head, "dim")), cells)]
-    for figure in rotor.figures:
-        unit = 1e6 if figure.quantity.startswith("unbalance") else 1.0
-        cell = [f"{v * unit:.2f}" if v == v else "–" for v in (figure.value, figure.std)]
-        detectable = f"{figure.detectable * unit:.2f}" if figure.detectable == figure.detectable else "–"
-        p = (
-            f"{figure.failure_probability:.3f}"
-            if figure.failure_probability == figure.failure_probability
-            else "–"
-        )
-        name = figure.quantity.replace("unbalance_relative", "unbalance, µm").replace("_", " ")
-        name = "unbalance, g mm" if figure.quantity == "unbalance" else name
-        text = (
-            f"{figure.estimator:<15}{name:<18}{cell[0]:>8}{cell[1]:>8}{p:>9}{detectable:>9}  {figure.status}"
-        )
-        lines.append(fit(line(text), cells))
-        if figure.why:
-            lines += wrap(figure.why, cells, "dim", 0, 4)
-    room = rows - len(lines)
-    if room >= 7 and vehicle.rows:
-        concerned = vehicle.rotors.index(rotor)
-        ends = (vehicle.rows[-1].t - 60.0, vehicle.rows[-1].t)
-        lines += [BLANK, *quarters(vehicle.rows, concerned, cells, room - 1, ends, math.nan)]
-    return fill(lines, rows)
-
-
-def _telemetry(state: str, age: float, volts: float, degc: float) -> Line:
-    old = f", {age:.1f} s old" if age < 1e6 else ""
-    more = "".join(f"   {v:.1f} {unit}" for v, unit in ((volts, "V"), (degc, "°C")) if v == v)
-    return line(f"telemetry {state}{old}{more}")

@@ -8,8 +8,10 @@ from gcs_health.dashboard.state import ROUND, Page, State
 from gcs_health.dashboard.view import airframe, alerts, link, rotors
 from gcs_health.dashboard.view.lines import BLANK, Line, beside, fill, fit, line, sides, title, width
 from gcs_health.dashboard.view.overlays import laid_over, overlay
+from gcs_health.dashboard.view.rotor_page import rotor_page
 from gcs_health.dashboard.view.timeline import timeline
 from gcs_health.dashboard.view.top import banner, head, strip
+from gcs_health.dashboard.view.trace import quarters
 
 SMALLEST = (40, 12)  # columns and rows below which only the verdict is shown
 WIDE, TALL = 120, 34  # from here on plots and the blind-band map find room
@@ -73,7 +75,7 @@ def _body(
     if vehicle is None:
         return _nobody(snapshot, cells, rows)
     if state.page is Page.ROTOR:
-        return alerts.rotor_page(vehicle, state.motor, cells, rows), []
+        return rotor_page(vehicle, state.motor, cells, rows), []
     return _overview(snapshot, state, vehicle, cells, rows)
 
 
@@ -113,7 +115,7 @@ def _overview(
         worst = max(range(n), key=lambda k: vehicle.rotors[k].level) if n else -1
         concerned = worst if n and vehicle.rotors[worst].level > 1 else -1
         block += [title("last minute", right)]
-        block += alerts.quarters(vehicle.rows, concerned, right, high - len(block), ends, math.nan)
+        block += quarters(vehicle.rows, concerned, right, high - len(block), ends, math.nan)
     elif below:
         block += rotors.sparklines(vehicle.rotors, right)
     used = max(min(max(len(block), 14), high), min(len(block), rows - 2))
