@@ -245,7 +245,7 @@ def test_the_list_scrolls_to_the_chosen_entry() -> None:
 SCENES = [p.healthy("octa"), p.failing("hexa"), p.blind("coax"), p.replayed(), p.two(), p.silent(), EMPTY]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.sampled_from(SCENES),
     st.sampled_from(list(Page)),
