@@ -212,7 +212,8 @@ def test_a_session_over_udp_records_and_closes_its_recording_when_the_screen_is_
         over.set()
 
     threading.Thread(target=fly, daemon=True).start()
-    until(lambda: over.is_set() and bool(seen()) and bool(shown[-1].vehicles) and shown[-1].link.recorded > 0)
+    whole = sum(8 + len(frame) for _, frame in FRAMES[:400])
+    until(lambda: over.is_set() and bool(seen()) and shown[-1].link.recorded == whole)
     worker.stop()
     assert worker.error is None
     assert shown[-1].link.recording == (str(record),)
