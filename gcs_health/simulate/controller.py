@@ -41,8 +41,8 @@ class Gains:
 class Controller:
     """Turns goal and state into rotor speeds; `allocate` takes a new set of rotors to use.
 
-    `thrust_axis` is where body z should point, in the world; `yaw_integral` the yaw rate loop's integral
-    as a share of its limit.
+    `thrust_axis` is where body z should point, in the world; `turn` the wanted body rates [rad/s];
+    `yaw_integral` the yaw rate loop's integral as a share of its limit.
     """
 
     def __init__(self, vehicle: SimVehicle, ops: Arithmetic, dt: float, zero: Value, gains: Gains) -> None:
@@ -55,6 +55,7 @@ class Controller:
         self._gyro = [zero, zero, zero]
         self.wanted: list[Value] = [zero] * len(vehicle.rotors)
         self.thrust_axis: tuple[Value, Value, Value] = (zero, zero, zero + 1.0)
+        self.turn: tuple[Value, Value, Value] = (zero, zero, zero)
         self.crashed = zero > 1.0  # False, or a column of it
         self._mix: list[list[Value]] = mixer(vehicle, np.ones(len(vehicle.rotors))).tolist()
 
@@ -88,7 +89,8 @@ class Controller:
         e1, e2, e3 = z2 * d3 - z3 * d2, z3 * d1 - z1 * d3, z1 * d2 - z2 * d1
         roll = g.attitude * (e1 * x1 + e2 * x2 + e3 * x3)
         pitch = g.attitude * (e1 * y1 + e2 * y2 + e3 * y3)
-        thrusts = self._share(lift, self._moment(gyro, roll, pitch, -g.yaw * x2))
+        self.turn = roll, pitch, -g.yaw * x2
+        thrusts = self._share(lift, self._moment(gyro, *self.turn))
         low_down = plant.position[2] > -1.0 - self.vehicle.leg
         self.crashed = self.crashed | (low_down & (z3 < 0.3))  # it lies on its side: motors off
         on = ops.where(self.crashed | goal.off, 0.0, 1.0)

@@ -45,7 +45,8 @@ class Link:
     """What the way to the ground does to frames.
 
     delay, jitter [s]; loss, burst_loss (share of frames lost in bursts of `burst` frames); reorder and
-    duplicate (share of frames); second_system : another vehicle speaks on the same port.
+    duplicate (share of frames); second_system : another healthy vehicle, system 7, flies and speaks on the
+    same port.
     """
 
     delay: float = 0.004
@@ -70,9 +71,14 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """How it speaks: autopilot, rates by message name [Hz] over its defaults."""
+    """How it speaks: autopilot, rates by message name [Hz] over its defaults.
+
+    requested : a ground station has asked ArduPilot for its usual streams; else it sends its HEARTBEAT
+    alone until one does.
+    """
 
     autopilot: str = "px4"
+    requested: bool = True
     rates: dict[str, float] = field(default_factory=dict)
 
 
@@ -258,5 +264,8 @@ def _telemetry(row: Table) -> Telemetry:
     for name in known:
         rates.value(name, None)
     rates.done()
+    requested = row.flag("requested", True)
+    if not requested and autopilot != "ardupilot":
+        row.fail("requested", f"{autopilot} sends its streams unasked; only ardupilot waits")
     row.done()
-    return Telemetry(autopilot, found)
+    return Telemetry(autopilot, requested, found)
