@@ -23,6 +23,7 @@ from gcs_health.simulate.wind import GRADES
 
 SCHEMA = "gcs_health.scenario/1"
 FASTEST_PHYSICS = 20_000.0  # Hz; finer steps cost time and show nothing new
+LONGEST = 86_400.0  # s of flight
 SHARES = ("loss", "burst_loss", "reorder", "duplicate")
 ABOVE_0 = (
     *("imu_integration_rate", "imu_filter", "accelerometer_range", "gyro_range"),
@@ -196,6 +197,8 @@ def _trajectory(row: Table) -> Trajectory:
         duration=row.positive("duration", d.duration),
     )
     row.done()
+    if plan.duration > LONGEST:
+        row.fail("duration", f"expected up to {LONGEST:g} s, a day, got {plan.duration:g}")
     if plan.landing_from <= plan.flying_from:
         row.fail("duration", f"{plan.duration:g} s are too short to climb to {plan.height:g} m and land")
     return plan
