@@ -182,6 +182,12 @@ def _parser() -> argparse.ArgumentParser:
     detect.add_argument(
         "--trials", type=_count, default=8, metavar="N", help="moments at which every motor fails (default 8)"
     )
+    detect.add_argument(
+        "--only",
+        action="append",
+        choices=("effectiveness", "unbalance", "drag", "telemetry"),
+        help="this fault alone; may be repeated. Unbalance and drag take longest",
+    )
     detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
     detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
