@@ -27,9 +27,11 @@ Array = NDArray[np.float64]
 BLOCK = 0.1  # s
 MEAN_OVER, MEMORY = 2.0, 6.0  # s
 SETTLE = 4.0  # s of flight before anything is said
+CLIP, SETTLED = 3.0, 20  # standard deviations, and blocks after which they are known
 ALIKE = 3.0  # blocks that count as one
 GAP = 0.5  # s: nothing reaches across
 ENOUGH = 9.0  # nats by which the other must explain better, both paths together
+TAKEN = 2.0  # nats by which the other rotor, too, must follow another's command better than its own
 EXPLAINS = 0.4  # share of the variance that it must explain
 EVERY = 10  # blocks from look to look
 LASTS = 3.0  # s
@@ -115,6 +117,9 @@ class Attribution:
         self._commanded = self._commanded + 1 if self._command else 0
         self._mean = self._mean + (z - self._mean) / min(self._blocks, MEAN_OVER / BLOCK)
         z = z - self._mean
+        if self._blocks > SETTLED:  # one jolt is not the whole story
+            limit = CLIP * np.sqrt(np.diag(self._covariance))
+            z = np.clip(z, -limit, limit)
         self._covariance += (np.outer(z, z) - self._covariance) / min(self._blocks, MEMORY / BLOCK)
         if self._blocks * BLOCK < SETTLE or self._blocks % EVERY:
             return []
@@ -183,13 +188,12 @@ class Attribution:
             r = c[2 : 2 + n, 2 + n :] / np.sqrt(np.outer(variance[2 : 2 + n], variance[2 + n :]))
         r = np.clip(np.nan_to_num(r), 0.0, 0.999)
         left = 1.0 - r * r
-        scores, follows = [], []
-        for i in range(n):
-            j = int(left[i].argmin())
-            score = 0.5 * count * math.log(left[i, i] / left[i, j])
-            scores.append(score if 1.0 - left[i, j] > EXPLAINS else 0.0)
-            follows.append(j == i and 1.0 - float(left[i, i]) > EXPLAINS)
-        return scores, follows
+        best = left.argmin(axis=1)
+        explained = [1.0 - float(left[i, best[i]]) > EXPLAINS for i in range(n)]
+        scores = [0.5 * count * math.log(left[i, i] / left[i, best[i]]) if explained[i] else 0.0 for i in range(n)]
+        # whoever has lost its own speed to another has got another's: a slow rotor that the others make up for has not
+        taken = [max(scores[i], scores[best[i]]) if scores[best[i]] > TAKEN else 0.0 for i in range(n)]
+        return taken, [explained[i] and best[i] == i for i in range(n)]
 
 
 def _left(variance: float, shared: Array, seat: Array, spread: Array) -> float:
