@@ -370,6 +370,10 @@ class VehicleMonitor:
             said = self._bench.feed(reading)
             if said:
                 self._judge(said)
+            if self._panel is not None:
+                told = self._panel.read(reading, self._flies())
+                if told:
+                    self._alerts(told)
 
     def _tell_flight(self, t: float) -> None:
         if self._armed is not None or self._landed is not None:

@@ -7,9 +7,11 @@
     cleared     below `clear_at` for `clear_after`; a latched code only with the next flight
 
 One alarm a cause: after a rotor has failed, what follows in the others (idling partners, contact, the crash) is not
-told as faults of their own; telemetry that all rotors lose at once is one link's fault, told once.
+told as faults of their own; two exchanged rotors are one alarm; telemetry that all rotors lose at once is one
+link's fault, told once.
 """
 
+import math
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
@@ -55,6 +57,7 @@ class _Episode:
     told: float  # probability last told
     told_t: float
     worst: float
+    raised: float  # when [s]
     calm_since: float | None = None
     acknowledged: bool = False
     shelved_until: float = float("-inf")
@@ -69,6 +72,16 @@ class AlertDesk:
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
         self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
         self.count = count
+
+    @property
+    def failed(self) -> int | None:
+        """The rotor that was told first to have failed, None where none has."""
+        return next((each.rotor for each in self._open.values() if each.family is FAILED_FAMILY), None)
+
+    @property
+    def failed_at(self) -> float:
+        """When that was [s]; NaN where none has."""
+        return next((each.raised for each in self._open.values() if each.family is FAILED_FAMILY), math.nan)
 
     def concerned(self, verdict: Verdict) -> bool:
         """Whether a verdict could change anything: mostly the rotor is healthy, and nothing is open or waiting."""
@@ -136,15 +149,19 @@ class AlertDesk:
         if not waiting:
             del self._waiting[verdict.rotor]
         self.count += 1
-        episode = _Episode(self.count, verdict.rotor, family, row, probability, verdict.t, probability)
+        episode = _Episode(
+            self.count, verdict.rotor, family, row, probability, verdict.t, probability, verdict.t
+        )
         self._open[verdict.rotor, family] = episode
         return self._step(verdict.t, episode, "raised", probability, evidence)
 
     def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
         """Whether another rotor's failure is cause enough for what this one shows."""
-        return any(
-            episode.rotor != rotor and episode.family is FAILED_FAMILY for episode in self._open.values()
-        ) and family not in (_TELEMETRY,)
+        if family in _EXCHANGED:  # two rotors, one cause: whichever is seen first
+            return any(each.rotor != rotor and each.family == family for each in self._open.values())
+        return family != _TELEMETRY and any(
+            each.rotor != rotor and each.family is FAILED_FAMILY for each in self._open.values()
+        )
 
     def _go_on(
         self,
@@ -214,6 +231,7 @@ class AlertDesk:
 
 FAILED_FAMILY = FAILED
 _TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
+_EXCHANGED = (frozenset({Kind.ESC_MISATTRIBUTED}), frozenset({Kind.MOTOR_ORDER_WRONG}))
 _FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
 
 

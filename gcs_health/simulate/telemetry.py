@@ -232,6 +232,7 @@ class Telemetry:
                     "ESC_INFO",
                     time_usec=self.boot_us(t),
                     counter=int(t * 100.0) & 0xFFFF,
+                    failure_flags=[slot.flags for slot in slots],
                     temperature=heat,
                     index=first,
                     count=self.escs.slots,
