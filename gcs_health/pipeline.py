@@ -7,11 +7,12 @@ a function of configuration, bytes and stamps, whatever the chunking.
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.estimators import REGISTRY
 from gcs_health.estimators.contract import Estimate
+from gcs_health.fusion.rules import RuleBook
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.frames import FrameDecoder
@@ -20,7 +21,7 @@ from gcs_health.mavlink.requests import RateRequests
 from gcs_health.record.describe import describe_state
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
-from gcs_health.vehicle_monitor import Tap, VehicleMonitor
+from gcs_health.vehicle_monitor import Tap, VehicleMonitor, VerdictTap
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,8 @@ class MonitorConfig:
     stamped : the bytes are a .tlog.
     raw_tap : called with all frames before they are decoded: a recorder's way in.
     tap : called with (vehicle, reading) of everything that reaches an estimator, before it does.
+    rules : the user's alert rules.
+    verdict_tap : called with (vehicle, verdicts of all rotors, whether it flies) ten times a second.
     """
 
     airframe: Airframe | None = None
@@ -46,6 +49,8 @@ class MonitorConfig:
     stamped: bool = False
     raw_tap: Callable[[FrameBatch], None] | None = None
     tap: Tap | None = None
+    rules: RuleBook = field(default_factory=RuleBook)
+    verdict_tap: VerdictTap | None = None
 
 
 class Monitor:
@@ -135,6 +140,8 @@ class Monitor:
                     self.config.mode,
                     self.config.estimate_rate,
                     self.config.tap,
+                    self.config.rules,
+                    self.config.verdict_tap,
                 )
             events += vehicle.feed(sample)
         return events

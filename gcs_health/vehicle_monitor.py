@@ -15,6 +15,7 @@ from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.autopilot_words import AutopilotWords
 from gcs_health.fusion.panel import RotorPanel
+from gcs_health.fusion.rules import RuleBook, Rules
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.needs import Input, Need, Stream, estimator_needs
@@ -63,6 +64,7 @@ UNKNOWN_LANDED = 0
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
 
 Tap = Callable[[str, Reading], None]
+VerdictTap = Callable[[str, list[Verdict], bool], None]
 
 CLOCK_TEXT = {
     Kind.GAP: "nothing came for {:.1f} s",
@@ -82,6 +84,8 @@ class VehicleMonitor:
     estimators : by registry name. mode : "recommended" or "paper".
     estimate_rate : at most so many estimates a second and rotor [Hz].
     tap : called with (vehicle, reading) before every reading reaches the estimator.
+    book : the user's alert rules.
+    verdict_tap : called with (vehicle, verdicts of all rotors, whether it flies) at every look at them.
     """
 
     def __init__(
@@ -92,8 +96,12 @@ class VehicleMonitor:
         mode: str,
         estimate_rate: float,
         tap: "Tap | None" = None,
+        book: RuleBook | None = None,
+        verdict_tap: "VerdictTap | None" = None,
     ) -> None:
         self.vehicle = vehicle
+        self._book = book or RuleBook()
+        self._verdict_tap = verdict_tap
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.is_vehicle = False
@@ -214,6 +222,11 @@ class VehicleMonitor:
         told, self._pending = self._pending[before:], self._pending[:before]
         return told
 
+    @property
+    def rules(self) -> Rules:
+        """The alert rules that hold for it."""
+        return self._book.rules(self.airframe.name if self.airframe else None, self.vehicle, self.uid)
+
     def estimates(self) -> list[Estimate]:
         """Return the present state of every rotor, estimator by estimator."""
         return self._bench.estimates(self.last_t) if self._bench is not None else []
@@ -315,6 +328,8 @@ class VehicleMonitor:
         uid = hardware_uid(sample.fields)
         if uid is not None and uid != self.uid:
             self.uid = uid
+            if self._panel is not None:
+                self._panel.set_rules(self.rules)
             self._say("identity", f"the autopilot's hardware is {uid}")
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
@@ -401,6 +416,8 @@ class VehicleMonitor:
             if self._panel is not None:
                 self._alerts(self._panel.routine(t, self.rotors, self._flies()))
                 self._tell_verdicts(self._panel.verdicts)
+                if self._verdict_tap is not None:
+                    self._verdict_tap(self.vehicle, self._panel.verdicts, self._flies())
         self._due = (math.floor(t * self._rate) + 1) / self._rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
@@ -435,7 +452,8 @@ class VehicleMonitor:
         self.latest = []
         self.airframe = airframe
         self.rotors.set_airframe(airframe)
-        self._panel = RotorPanel(airframe, self._panel.count if self._panel is not None else 0)
+        count = self._panel.count if self._panel is not None else 0
+        self._panel = RotorPanel(airframe, count, self.rules)
         self._told.clear()
         self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")

@@ -8,13 +8,15 @@ import pytest
 
 
 @pytest.fixture(scope="session", autouse=True)
-def no_data_of_the_user() -> Iterator[None]:
-    """`live` keeps a history in the user's data folder by default: here in one of its own."""
-    before = os.environ.get("XDG_DATA_HOME")
+def nothing_of_the_user() -> Iterator[None]:
+    """`live` keeps a history in the user's data folder, rules come from the settings folder: here others."""
+    names = ("XDG_DATA_HOME", "XDG_CONFIG_HOME")
+    before = {name: os.environ.get(name) for name in names}
     with tempfile.TemporaryDirectory() as place:
-        os.environ["XDG_DATA_HOME"] = place
+        os.environ.update(dict.fromkeys(names, place))
         yield
-    if before is None:
-        del os.environ["XDG_DATA_HOME"]
-    else:
-        os.environ["XDG_DATA_HOME"] = before
+    for name, value in before.items():
+        if value is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = value

@@ -191,6 +191,23 @@ def _parser() -> argparse.ArgumentParser:
     detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
     detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
+    config = commands.add_parser(
+        "config", help="the alert rules that hold, each with its source; thresholds from healthy flights"
+    )
+    _config_option(config)
+    config.add_argument(
+        "--of",
+        action="append",
+        metavar="VEHICLE",
+        help="as they hold for this vehicle: its name, sysid.compid or uid; repeatable, the last the strongest",
+    )
+    config.add_argument("--json", action="store_true", help="print one JSON object")
+    config.add_argument(
+        "--fit", nargs="+", default=[], metavar="HEALTHY.tlog", help="fit thresholds to these healthy flights"
+    )
+    config.add_argument("-o", "--output", metavar="CONFIG.toml", help="with --fit: write them")
+    config.add_argument("--vehicle", metavar="FILE.toml", help="with --fit: the vehicle's geometry")
+
     history = commands.add_parser(
         "history", help="what the flights so far said of each rotor, and where it leads"
     )
@@ -262,7 +279,16 @@ def _scenario_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _config_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--config",
+        metavar="FILE.toml",
+        help="alert rules and budgets; none = the catalogue's; default config.toml in the user's settings folder",
+    )
+
+
 def _monitor_options(parser: argparse.ArgumentParser) -> None:
+    _config_option(parser)
     parser.add_argument(
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )

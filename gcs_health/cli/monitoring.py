@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Protocol, Self, TextIO
 
 from gcs_health.cli.text import alert_line, notice_line, summary_text
+from gcs_health.config import load_config
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.pipeline import Monitor, MonitorConfig
@@ -33,6 +34,7 @@ def make_monitor(
     ------
     AirframeError, ConfigError : a file named in the options cannot be used.
     """
+    path = config_path(options)
     return Monitor(
         MonitorConfig(
             airframe=load_vehicle(options.vehicle) if options.vehicle else None,
@@ -43,8 +45,21 @@ def make_monitor(
             stamped=stamped,
             raw_tap=raw_tap,
             tap=tap,
+            rules=load_config([path] if path else []).book,
         )
     )
+
+
+def config_path(options: argparse.Namespace) -> Path | None:
+    """Return the user's file of alert rules: the one named, else the one in the settings folder; None = none."""
+    if options.config == "none":
+        return None
+    if options.config:
+        return Path(options.config)
+    from platformdirs import user_config_path
+
+    path = user_config_path("gcs-health", appauthor=False) / "config.toml"
+    return path if path.exists() else None
 
 
 def _key(path: str) -> bytes:

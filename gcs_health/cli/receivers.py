@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs_health import __version__
-from gcs_health.cli.monitoring import Receiver
+from gcs_health.cli.monitoring import Receiver, config_path
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.record.evidence import EvidenceWriter, Packet, is_packet
@@ -26,7 +26,8 @@ RawTap = Callable[[FrameBatch], None]
 
 # what decides what is said of given bytes: kept in a packet, and taken from it when it is replayed
 PLAIN_OPTIONS = ("estimators", "mode", "estimate_rate")
-FILE_OPTIONS = {"vehicle": "vehicle.toml"}  # options that name a file -> that file's name in a packet
+# options that name a file -> that file's name in a packet
+FILE_OPTIONS = {"vehicle": "vehicle.toml", "config": "config.toml"}
 
 
 @contextmanager
@@ -112,7 +113,7 @@ def _writer(
     configuration: dict[str, Any] = {name: getattr(options, name) for name in PLAIN_OPTIONS}
     members = {}
     for name, member in FILE_OPTIONS.items():
-        if path := getattr(options, name):
+        if path := config_path(options) if name == "config" else getattr(options, name):
             members[member] = Path(path).read_text(encoding="utf-8")
             configuration[name] = member
     return EvidenceWriter(folder, lambda: recorder.flights, stem, configuration, members, _versions())
@@ -138,6 +139,8 @@ def options_for(options: argparse.Namespace, log: str) -> Iterator[argparse.Name
     for name in PLAIN_OPTIONS:
         if name in said:
             setattr(merged, name, tuple(said[name]) if isinstance(said[name], list) else said[name])
+    if not options.config:
+        merged.config = "none"  # the packet's alert was not raised under the rules of whoever replays it
     with tempfile.TemporaryDirectory() as place:
         for name, member in FILE_OPTIONS.items():
             text = packet.text(member)

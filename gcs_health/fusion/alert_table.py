@@ -23,6 +23,7 @@ class AlertKind:
     clear_after : for how long [s, vehicle clock] it must stay below.
     hold : for how long [s] the probability must have been above `raise_at`.
     latched : stays for the flight: what broke in the air does not mend there.
+    enabled : whether it is told at all.
     """
 
     code: str
@@ -34,6 +35,7 @@ class AlertKind:
     clear_after: float = 2.0
     hold: float = 0.0
     latched: bool = False
+    enabled: bool = True
 
 
 _LAND = "Land at once if control allows; do not take off again before the rotor is inspected."

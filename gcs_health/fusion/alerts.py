@@ -15,11 +15,11 @@ import math
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
-from gcs_health.fusion.alert_table import OF_KIND, ROTOR_FAILED, AlertKind
+from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.verdicts import Verdict
 
-SURELY_WELL = 0.2  # probability of health above which no code's `raise_at` can be reached
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
@@ -66,9 +66,10 @@ class _Episode:
 class AlertDesk:
     """The alert machine of one vehicle."""
 
-    def __init__(self, airframe: Airframe, count: int = 0) -> None:
+    def __init__(self, airframe: Airframe, count: int = 0, rules: Rules | None = None) -> None:
         """`count` episodes went before, under another airframe."""
         self._airframe = airframe
+        self.set_rules(rules or Rules())
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
         self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
         self.count = count
@@ -83,14 +84,21 @@ class AlertDesk:
         """When that was [s]; NaN where none has."""
         return next((each.raised for each in self._open.values() if each.family is FAILED_FAMILY), math.nan)
 
+    def set_rules(self, rules: Rules) -> None:
+        """Go on under these rules; what is open stays so until they clear it."""
+        self._rules = rules
+        self._surely_well = 1.0 - rules.least  # no code's `raise_at` can be reached beside so much health
+
     def concerned(self, verdict: Verdict) -> bool:
         """Whether a verdict could change anything: mostly the rotor is healthy, and nothing is open or waiting."""
-        return verdict.healthy <= SURELY_WELL or bool(self._open) or bool(self._waiting.get(verdict.rotor))
+        return (
+            verdict.healthy <= self._surely_well or bool(self._open) or bool(self._waiting.get(verdict.rotor))
+        )
 
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
         told = []
-        for family in _FAMILIES:
+        for family in FAMILIES:
             probability = verdict.of(family)
             episode = self._open.get((verdict.rotor, family))
             if episode is None:
@@ -135,7 +143,9 @@ class AlertDesk:
         probability: float,
         evidence: tuple[tuple[str, float | str], ...],
     ) -> Alert | None:
-        row = _row(verdict, family)
+        row = self._row(verdict, family)
+        if row is None:
+            return None
         waiting = self._waiting.setdefault(verdict.rotor, {})
         key = min(family)
         if probability < row.raise_at or self._explained(verdict.rotor, family):
@@ -155,11 +165,19 @@ class AlertDesk:
         self._open[verdict.rotor, family] = episode
         return self._step(verdict.t, episode, "raised", probability, evidence)
 
+    def _row(self, verdict: Verdict, family: frozenset[Kind]) -> AlertKind | None:
+        """Return the code of the family's likeliest kind, or "failed" while unclear; None = not told."""
+        if len(family) == 1:
+            return self._rules.row(next(iter(family)))
+        kind = max((kind for kind in verdict.weights if kind in family), key=verdict.weights.__getitem__)
+        clear = verdict.weights[kind] >= CLEAR_KIND * verdict.total * verdict.of(family)
+        return self._rules.row(kind) if clear else self._rules.failed
+
     def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
         """Whether another rotor's failure is cause enough for what this one shows."""
         if family in _EXCHANGED:  # two rotors, one cause: whichever is seen first
             return any(each.rotor != rotor and each.family == family for each in self._open.values())
-        return family != _TELEMETRY and any(
+        return family != TELEMETRY and any(
             each.rotor != rotor and each.family is FAILED_FAMILY for each in self._open.values()
         )
 
@@ -177,8 +195,8 @@ class AlertDesk:
         episode.calm_since = None
         if probability < episode.row.raise_at:
             return None
-        row = _row(verdict, episode.family)
-        if row is not episode.row and row is not ROTOR_FAILED:
+        row = self._row(verdict, episode.family)
+        if row is not None and row.code not in (episode.row.code, ROTOR_FAILED.code):
             episode.row = row
             episode.shelved_until = float("-inf")
             return self._tell(t, episode, "escalated", probability, evidence)
@@ -230,15 +248,6 @@ class AlertDesk:
 
 
 FAILED_FAMILY = FAILED
-_TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
+TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
 _EXCHANGED = (frozenset({Kind.ESC_MISATTRIBUTED}), frozenset({Kind.MOTOR_ORDER_WRONG}))
-_FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
-
-
-def _row(verdict: Verdict, family: frozenset[Kind]) -> AlertKind:
-    """Return the code of the family's likeliest kind, or "failed" while it is not clear which."""
-    if len(family) == 1:
-        return OF_KIND[next(iter(family))]
-    kind = max((kind for kind in verdict.weights if kind in family), key=verdict.weights.__getitem__)
-    clear = verdict.weights[kind] >= CLEAR_KIND * verdict.total * verdict.of(family)
-    return OF_KIND[kind] if clear else ROTOR_FAILED
+FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))

@@ -190,8 +190,11 @@ class Attribution:
         left = 1.0 - r * r
         best = left.argmin(axis=1)
         explained = [1.0 - float(left[i, best[i]]) > EXPLAINS for i in range(n)]
-        scores = [0.5 * count * math.log(left[i, i] / left[i, best[i]]) if explained[i] else 0.0 for i in range(n)]
-        # whoever has lost its own speed to another has got another's: a slow rotor that the others make up for has not
+        scores = [
+            0.5 * count * math.log(left[i, i] / left[i, best[i]]) if explained[i] else 0.0 for i in range(n)
+        ]
+        # whoever has lost its own speed to another has got another's: a slow rotor that the others make up
+        # for has not
         taken = [max(scores[i], scores[best[i]]) if scores[best[i]] > TAKEN else 0.0 for i in range(n)]
         return taken, [explained[i] and best[i] == i for i in range(n)]
 

@@ -12,6 +12,7 @@ from gcs_health.fusion.commanded import Commanded
 from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estimate, partial_loss
 from gcs_health.fusion.kinds import FAILED, Kind
 from gcs_health.fusion.load import Load
+from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.verdicts import BOUND, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
 from gcs_health.samples import CommandReading, EscInfo, ImuReading, Reading, RotorReading
@@ -44,12 +45,13 @@ class RotorPanel:
     Parameters
     ----------
     count : alert episodes that went before, under another airframe.
+    rules : of the alerts; None = the catalogue's.
     """
 
-    def __init__(self, airframe: Airframe, count: int = 0) -> None:
+    def __init__(self, airframe: Airframe, count: int = 0, rules: Rules | None = None) -> None:
         self._airframe = airframe
         self._beliefs = [RotorBelief(k) for k in range(len(airframe.rotors))]
-        self._desk = AlertDesk(airframe, count)
+        self._desk = AlertDesk(airframe, count, rules)
         self._rotor_of_esc = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
         self._errors: dict[int, tuple[float, int]] = {}  # time and error count by ESC
         self._judged: list[Verdict] = []
@@ -178,6 +180,10 @@ class RotorPanel:
         if word.motors and not believed & set(word.motors):
             return "contradicts"
         return "agrees"
+
+    def set_rules(self, rules: Rules) -> None:
+        """Go on under these rules of the alerts."""
+        self._desk.set_rules(rules)
 
     def new_flight(self, t: float) -> list[Alert]:
         """Forget what held for the flight before."""

@@ -11,8 +11,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from gcs_health.checked import Table
 from gcs_health.errors import ConfigError
-from gcs_health.simulate.checked import Table
 from gcs_health.simulate.faults import KINDS, Fault
 from gcs_health.simulate.sensors import SensorConfig
 from gcs_health.simulate.stream_rates import RATES

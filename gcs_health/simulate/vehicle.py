@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from gcs_health.airframe import Airframe, AirframeSource, Effectiveness, Rotor
+from gcs_health.checked import Table
 from gcs_health.errors import ConfigError
 from gcs_health.gate import GRAVITY
-from gcs_health.simulate.checked import Table
 
 SCHEMA = "gcs_health.simvehicle/1"
 

@@ -48,6 +48,10 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
+    def keys(self) -> list[str]:
+        """Return the keys that the file gives."""
+        return list(self._values)
+
     def value(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return a raw value."""
         self._asked.add(key)
