@@ -89,6 +89,8 @@ class Baseline:
     hover_speed [rad/s], hover_command [-] : medians in hover, in the order of the rotors.
     vibration : horizontal level of the autopilot's VIBRATION [m/s²].
     weight_offset : where the weight sits, forward and right of the rotors' centre [m].
+    unbalance : m_u r_u / m_b of each rotor [m].
+    vibration_level : horizontal acceleration above 35 Hz, rms [m/s²]; where no rotor speeds come.
     std : standard deviations by the names above, one a value.
     """
 
@@ -96,6 +98,8 @@ class Baseline:
     hover_command: tuple[float, ...] = ()
     vibration: float | None = None
     weight_offset: tuple[float, ...] = ()
+    unbalance: tuple[float, ...] = ()
+    vibration_level: float | None = None
     std: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def spread(self, name: str) -> tuple[float, ...]:

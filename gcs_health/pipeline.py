@@ -7,9 +7,9 @@ a function of configuration, bytes and stamps, whatever the chunking.
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gcs_health.airframe import Airframe
+from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.estimators import REGISTRY
 from gcs_health.estimators.contract import Estimate
 from gcs_health.fusion.rules import RuleBook
@@ -17,6 +17,7 @@ from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
+from gcs_health.mavlink.requests import RateRequests
 from gcs_health.record.describe import describe_state
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
@@ -87,8 +88,14 @@ class Monitor:
 
     def copy(self) -> "Monitor":
         """Return a second monitor that goes on from here by itself; a `tap` would hear of both."""
-        shared = (self.config, self.dialect, self._messages)  # none of them changes
+        shared = (self.config, self.config.tap, self.dialect, self._messages)  # none of them changes
         return copy.deepcopy(self, {id(part): part for part in shared})
+
+    def set_taps(self, tap: Tap | None, raw_tap: Callable[[FrameBatch], None] | None) -> None:
+        """Let others hear from now on: a copy's own."""
+        self.config = replace(self.config, tap=tap, raw_tap=raw_tap)
+        for vehicle in self._vehicles.values():
+            vehicle.set_tap(tap)
 
     def vehicles(self) -> list[VehicleMonitor]:
         """Return the vehicles seen so far."""
@@ -219,6 +226,16 @@ class Monitor:
                 for a in vehicle.alerts
             ),
         )
+
+
+def requests_to(
+    requests: RateRequests, monitor: Monitor, vehicle: VehicleMonitor, now_us: int
+) -> tuple[list[bytes], str]:
+    """Return the frames that ask a vehicle for what comes too seldom until now, and what they ask for in words."""
+    system, component = map(int, vehicle.vehicle.split("."))
+    heard = monitor.rates(system, component, now_us)
+    known = vehicle.airframe is not None and vehicle.airframe.source is not AirframeSource.ASSUMED
+    return requests.to(system, component, vehicle.autopilot, heard, known, vehicle.uid is not None)
 
 
 def _vehicle_survey(vehicle: VehicleMonitor) -> VehicleSurvey:

@@ -175,12 +175,14 @@ class RotorTelemetry:
     escs : what each ESC index has shown.
     repeats : ESC_STATUS batches that were copies of ESC 0-3.
     gives_current : whether any ESC has told a current.
+    temperatures : last known of each ESC index [°C].
     """
 
     def __init__(self) -> None:
         self.escs: dict[int, _Esc] = {}
         self.repeats = 0
         self.gives_current = False
+        self.temperatures: dict[int, float] = {}
         self._rotor_of: dict[int, int] = {}  # by ESC index
         self._motors: tuple[tuple[int, int], ...] = ()  # (motor, ESC index) of each rotor
         self._in_order: tuple[int, ...] = ()  # ESC index of each rotor
@@ -223,6 +225,7 @@ class RotorTelemetry:
             return self._esc_telemetry(t, sample)
         if isinstance(sample, EscInfo):
             self._px4 = True
+            self._note_temperatures(sample)
             if self._count < sample.count <= MOST_ESCS:
                 self._count = sample.count
             if sample.index >= 4:
@@ -250,6 +253,16 @@ class RotorTelemetry:
         if t - known.timing.news > (limit if limit > STALE_LEAST else STALE_LEAST):
             return RotorState.STALE
         return RotorState.STOPPED if known.speed == 0.0 else RotorState.FRESH
+
+    def age(self, esc: int, t: float) -> float:
+        """Return how long ago ESC index `esc` gave news [s]; infinite if it never did."""
+        known = self.escs.get(esc)
+        return t - known.timing.news if known is not None else math.inf
+
+    def _note_temperatures(self, sample: EscInfo | EscTelemetry) -> None:
+        for slot, value in enumerate(sample.temperature_degc):
+            if value == value and value != 0.0:  # an ESC without a sensor sends 0
+                self.temperatures[sample.index + slot] = value
 
     def rate(self, esc: int) -> float:
         """Return how often ESC index `esc` gives news [Hz]; 0 if it does not."""
@@ -371,6 +384,7 @@ class RotorTelemetry:
 
     def _esc_telemetry(self, t: float, sample: EscTelemetry) -> RotorReading | None:
         self._ardupilot = True
+        self._note_temperatures(sample)
         known = []
         for j in range(4):
             index = sample.index + j

@@ -17,7 +17,7 @@ _TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor", 
 _ROTOR = {"motor", "esc", "position", "spin", "radius"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
 _STD = "std"  # sub-table of a table that `calibrate` wrote
-_BASELINE = {"hover_speed", "hover_command", "vibration", "weight_offset"}
+_BASELINE = {"hover_speed", "hover_command", "vibration", "weight_offset", "unbalance", "vibration_level"}
 _MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "current_lag", "current_side"}
 _SIDES = ("motor", "battery")
 
@@ -127,6 +127,8 @@ class _Reader:
             hover_command=self._list(row, "hover_command", rotors),
             vibration=self._optional(row, "vibration", "baseline."),
             weight_offset=self._list(row, "weight_offset", 2),
+            unbalance=self._list(row, "unbalance", rotors),
+            vibration_level=self._optional(row, "vibration_level", "baseline."),
             std=tuple((key, _tuple(value)) for key, value in sorted(spreads.items())),
         )
 

@@ -107,10 +107,12 @@ class VehicleMonitor:
         self.is_vehicle = False
         self.uid: str | None = None
         self.airframe: Airframe | None = None
+        self.custom_mode: int | None = None  # as the last HEARTBEAT said
         self.first_t = self.last_t = math.nan
         self.last_us = 0
         self.gaps: list[tuple[float, float]] = []
         self.alerts: list[AlertEvent] = []
+        self.latest: list[Estimate] = []  # of the last round of estimates
         self.clock = VehicleClock()
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
@@ -181,6 +183,45 @@ class VehicleMonitor:
         estimator = self._bench.effectiveness if self._bench is not None else None
         return estimator.bank if estimator is not None else None
 
+    def set_tap(self, tap: "Tap | None") -> None:
+        """Let another hear the readings from now on."""
+        self._tap = tap
+
+    @property
+    def armed(self) -> bool | None:
+        """As the last HEARTBEAT said; None if unheard."""
+        return self._armed
+
+    @property
+    def landed(self) -> bool | None:
+        """As the autopilot said last; None if it has not."""
+        return self._landed
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """The last verdict of every rotor; empty before the first."""
+        return self._panel.verdicts if self._panel is not None else []
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why an estimator cannot work on this airframe, by its name."""
+        return self._bench.refused if self._bench is not None else {}
+
+    def acknowledge(self, number: int) -> list[Event]:
+        """Take that the operator has seen an alert episode; return what that causes."""
+        return self._operator(self._panel.acknowledge(number, self.last_t) if self._panel else [])
+
+    def shelve(self, number: int, seconds: float) -> list[Event]:
+        """Take that the operator wants silence on an episode for so long [s]; 0 ends it."""
+        until = self.last_t + seconds
+        return self._operator(self._panel.shelve(number, self.last_t, until) if self._panel else [])
+
+    def _operator(self, alerts: list[Alert]) -> list[Event]:
+        before = len(self._pending)
+        self._alerts(alerts)
+        told, self._pending = self._pending[before:], self._pending[:before]
+        return told
+
     @property
     def rules(self) -> Rules:
         """The alert rules that hold for it."""
@@ -226,6 +267,7 @@ class VehicleMonitor:
             return
         changed = (sample.autopilot, sample.vehicle_type) != (self.autopilot, self.vehicle_type)
         self.autopilot, self.vehicle_type = sample.autopilot, sample.vehicle_type
+        self.custom_mode = sample.custom_mode
         if not self.is_vehicle:
             self._now_a_vehicle()
         elif changed:
@@ -343,6 +385,10 @@ class VehicleMonitor:
             said = self._bench.feed(reading)
             if said:
                 self._judge(said)
+            if self._panel is not None:
+                told = self._panel.read(reading, self._flies())
+                if told:
+                    self._alerts(told)
 
     def _tell_flight(self, t: float) -> None:
         if self._armed is not None or self._landed is not None:
@@ -362,7 +408,7 @@ class VehicleMonitor:
                 self._adopt(assumed)
         self._tell_needs(t)
         if self._bench is not None:
-            estimates = self._bench.routine(t)
+            self.latest = estimates = self._bench.routine(t)
             assert self.airframe is not None
             head = (self.airframe, self.last_us, self.vehicle)
             self._pending += [estimate_event(estimate, *head) for estimate in estimates]
@@ -403,6 +449,7 @@ class VehicleMonitor:
             return
         self._unusable = ""
         self._bench = bench
+        self.latest = []
         self.airframe = airframe
         self.rotors.set_airframe(airframe)
         count = self._panel.count if self._panel is not None else 0

@@ -15,6 +15,7 @@ class Finding:
     table, key : where the vehicle file has it.
     values, stds : one number, or one a rotor in the airframe's order; empty = not identified.
     why : the evidence, or the reason why there is none.
+    word : what was found, where it is no number.
     """
 
     table: str
@@ -22,11 +23,12 @@ class Finding:
     values: tuple[float, ...]
     stds: tuple[float, ...]
     why: str
+    word: str = ""
 
     @property
     def found(self) -> bool:
         """Whether it was identified."""
-        return bool(self.values) and all(math.isfinite(value) for value in self.values)
+        return bool(self.word) or (bool(self.values) and all(math.isfinite(value) for value in self.values))
 
 
 def missing(table: str, key: str, why: str) -> Finding:
@@ -46,6 +48,13 @@ def pool(findings: list[Finding]) -> Finding:
         return first
     if len(found) == 1:
         return found[0]
+    if first.word or found[0].word:
+        words = {finding.word for finding in found}
+        return (
+            found[0]
+            if len(words) == 1
+            else missing(first.table, first.key, f"flights differ: {sorted(words)}")
+        )
     values = np.array([finding.values for finding in found])
     stds = np.maximum(np.array([finding.stds for finding in found]), 1e-12 + 1e-6 * np.abs(values))
     weights = 1.0 / stds**2

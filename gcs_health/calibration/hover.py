@@ -1,6 +1,6 @@
-"""What the vehicle looks like in healthy hover: speeds, commands, trim, vibration. The baselines of later flights.
+"""What the vehicle looks like in healthy hover: speeds, commands, trim. The baselines of later flights.
 
-A rotor's share of speed or command, the level of vibration and where the weight sits differ from one healthy
+A rotor's share of speed or command and where the weight sits differ from one healthy
 craft to the next by far more than a small fault moves them; only change from the own baseline tells.
 
 Source: sheet 5 sections 4 and 5.
@@ -20,12 +20,10 @@ WINDOW = 2.0  # s, of which medians show the spread
 
 
 def hover(flight: FlightColumns, airframe: Airframe) -> list[Finding]:
-    """Find hover speeds and commands, the weight's offset and the autopilot's vibration level."""
+    """Find hover speeds and commands, and the weight's offset."""
     speed = _rows("hover_speed", flight.rotor_t, flight.speed, flight, "no rotor speeds")
     command = _rows("hover_command", flight.command_t, flight.command, flight, "no motor commands in 0 to 1")
-    level = np.hypot(flight.vibration[:, 0], flight.vibration[:, 1])[:, None]
-    vibration = _rows("vibration", flight.vibration_t, level, flight, "no VIBRATION messages")
-    return [speed, command, _offset(speed, airframe), vibration]
+    return [speed, command, _offset(speed, airframe)]
 
 
 def _rows(key: str, t: Array, values: Array, flight: FlightColumns, without: str) -> Finding:

@@ -10,7 +10,7 @@ from gcs_health.calibration.findings import Finding
 from gcs_health.vehicle_file import SCHEMA
 
 SPIN = {1: "ccw", -1: "cw"}
-LISTS = ("hover_speed", "hover_command", "weight_offset")
+LISTS = ("hover_speed", "hover_command", "weight_offset", "unbalance")
 
 
 def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> str:
@@ -48,8 +48,10 @@ def _table(name: str, airframe: Airframe, findings: list[Finding]) -> Table:
         if not finding.found:
             table.add(tomlkit.comment(f"{finding.key}: {finding.why}"))
             continue
-        table.add(finding.key, _value(finding.key, finding.values))
+        table.add(finding.key, finding.word or _value(finding.key, finding.values))
         table[finding.key].comment(finding.why)
+        if finding.word:
+            continue
         spread.add(finding.key, _value(finding.key, finding.stds))
     found = {finding.key for finding in findings if finding.found}
     for key, value in _given(name, airframe).items():

@@ -33,7 +33,7 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code. The only catcher of `GcsHealthError`."""
     arguments = _parser().parse_args(argv)
-    command = import_module(f"gcs_health.cli.{arguments.command}")
+    command = import_module(f"gcs_health.cli.{'dashboard' if _on_screen(arguments) else arguments.command}")
     # samples come by the hundred thousand and never form cycles: looking for some among them at every
     # 700th costs a fifth of decoding (benchmarks/decode.py)
     gc.set_threshold(100_000, 20, 20)
@@ -50,6 +50,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         # whoever read our output has had enough; Python would complain again when it flushes at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+
+
+def _on_screen(options: argparse.Namespace) -> bool:
+    """Whether a dashboard is wanted: asked for, or `live` and `demo` on a terminal that can show one."""
+    if options.command not in ("live", "demo", "replay"):
+        return False
+    if options.dashboard or options.web is not None:
+        return True
+    if options.command == "replay" or options.plain or options.jsonl == "-":
+        return False
+    return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -72,6 +83,8 @@ def _parser() -> argparse.ArgumentParser:
         metavar="URL",
         help="keep each flight's results: default, a file, postgresql://... (default none)",
     )
+
+    _screen_options(replay)
 
     live = commands.add_parser("live", help="listen to a vehicle; sends nothing unless asked to")
     live.add_argument(
@@ -106,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         "user's data folder",
     )
     live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
+    _screen_options(live)
 
     download = commands.add_parser(
         "download", help="the logs that the autopilot keeps on board, through MAVSDK (this transmits)"
@@ -168,6 +182,12 @@ def _parser() -> argparse.ArgumentParser:
     detect.add_argument(
         "--trials", type=_count, default=8, metavar="N", help="moments at which every motor fails (default 8)"
     )
+    detect.add_argument(
+        "--only",
+        action="append",
+        choices=("effectiveness", "unbalance", "drag", "telemetry"),
+        help="this fault alone; may be repeated. Unbalance and drag take longest",
+    )
     detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
     detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
@@ -224,7 +244,30 @@ def _parser() -> argparse.ArgumentParser:
     )
     _scenario_options(demo)
     _monitor_options(demo)
+    _screen_options(demo)
     return parser
+
+
+def _screen_options(parser: argparse.ArgumentParser) -> None:
+    if not parser.prog.endswith("replay"):
+        parser.add_argument("--plain", action="store_true", help="lines of text instead of the dashboard")
+    parser.add_argument(
+        "--dashboard", action="store_true", help="the dashboard; default of live and demo on a terminal"
+    )
+    parser.add_argument(
+        "--theme",
+        choices=("dark", "light", "high-contrast", "colour-blind", "no-colour"),
+        default="dark",
+        help="of the dashboard; NO_COLOR is obeyed",
+    )
+    parser.add_argument(
+        "--web",
+        nargs="?",
+        type=_port,
+        const=8000,
+        metavar="PORT",
+        help="the dashboard in a browser on this computer (default port 8000)",
+    )
 
 
 def _scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -300,6 +343,12 @@ def _positive(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
     return value
+
+
+def _port(text: str) -> int:
+    if not text.isdigit() or not 0 < int(text) < 65536:
+        raise argparse.ArgumentTypeError(f"expected a port from 1 to 65535, got {text}")
+    return int(text)
 
 
 def _count(text: str) -> int:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from gcs_health import __version__
 from gcs_health.airframe import Airframe, AirframeSource
-from gcs_health.calibration.columns import FlightColumns, columns
+from gcs_health.calibration.columns import columns
 from gcs_health.calibration.control_gains import control_gains
 from gcs_health.calibration.findings import Finding, pool
 from gcs_health.calibration.hover import hover
 from gcs_health.calibration.vehicle_text import vehicle_text
 from gcs_health.cli import DONE
 from gcs_health.errors import ConfigError, LogError
+from gcs_health.estimators.healthy_baseline import healthy_baseline
 from gcs_health.mavlink.tlog import open_log
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.samples import Reading
@@ -24,13 +25,13 @@ def run(options: argparse.Namespace) -> int:
     given = load_vehicle(options.vehicle) if options.vehicle else None
     airframe, flights = None, []
     for name in options.files:
-        seen, flight = _flight(name, given)
+        seen, readings = _flight(name, given)
         if airframe is not None and seen.rotors != airframe.rotors:
             raise LogError(f"{name}: its rotors are not those of {options.files[0]}: another vehicle")
         airframe = seen
-        flights.append(flight)
+        flights.append(_findings(Path(name).name, readings, seen))
     assert airframe is not None
-    findings = _pooled([_findings(flight, airframe) for flight in flights])
+    findings = _pooled(flights)
     names = ", ".join(Path(name).name for name in options.files)
     text = vehicle_text(airframe, findings, f"gcs-health {__version__} calibrate: {names}")
     try:
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _flight(name: str, given: Airframe | None) -> tuple[Airframe, FlightColumns]:
+def _flight(name: str, given: Airframe | None) -> tuple[Airframe, list[Reading]]:
     """Read one flight.
 
     Raises
@@ -73,12 +74,13 @@ def _flight(name: str, given: Airframe | None) -> tuple[Airframe, FlightColumns]
         raise LogError(f"{name}: not a healthy flight: {vehicle.alerts[0].text}")
     if vehicle.airframe.source is AirframeSource.ASSUMED:
         raise LogError(f"{name}: the geometry is only assumed; give --vehicle FILE.toml")
-    came = readings.get(vehicle.vehicle, [])
-    return vehicle.airframe, columns(Path(name).name, came, len(vehicle.airframe.rotors))
+    return vehicle.airframe, readings.get(vehicle.vehicle, [])
 
 
-def _findings(flight: FlightColumns, airframe: Airframe) -> list[Finding]:
-    return [*control_gains(flight, airframe), *hover(flight, airframe)]
+def _findings(name: str, readings: list[Reading], airframe: Airframe) -> list[Finding]:
+    flight = columns(name, readings, len(airframe.rotors))
+    learned = healthy_baseline(readings, airframe)
+    return [*control_gains(flight, airframe), *hover(flight, airframe), *learned]
 
 
 def _pooled(flights: list[list[Finding]]) -> list[Finding]:

@@ -4,6 +4,8 @@ import argparse
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from gcs_health.cli import DONE, INTERRUPTED
 from gcs_health.cli.live import Session
@@ -17,35 +19,52 @@ from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import load_scenario
 from gcs_health.simulate.telemetry import BOOTED
 
+if TYPE_CHECKING:
+    from gcs_health.dashboard.watch import Watch
+
 HOST = "127.0.0.1"
 SKIP = 2.0  # s of standing about that a newcomer need not watch: until it climbs
 
 
-def run(options: argparse.Namespace) -> int:
-    """Fly the scenario in a process of its own, listen to it, and compare with the truth."""
+def run(options: argparse.Namespace, watch: "Watch | None" = None) -> int:
+    """Fly the scenario in a process of its own, listen to it, and compare with the truth.
+
+    `watch` is the dashboard's.
+    """
     scenario = load_scenario(options.scenario, options.set)
     length = (scenario.trajectory.duration - SKIP) / options.speed
-    print(f"{scenario.about} It flies {length:.0f} s, over UDP on this computer; Ctrl-C ends it.", flush=True)
+    about = f"{scenario.about} It flies {length:.0f} s, over UDP on this computer"
+    if watch is None:
+        print(f"{about}; Ctrl-C ends it.", flush=True)
+    else:
+        watch.tell(about)
     code = DONE
     with (
         evidence_of(options, "demo") as (receivers, raw_tap),
-        Output(options.jsonl, [*receivers, *sinks_of(options)]) as output,
+        Output(
+            options.jsonl, [*receivers, *sinks_of(options)], **(watch.outputs() if watch else {})
+        ) as output,
     ):
-        monitor = make_monitor(options, stamped=False, raw_tap=raw_tap)
+        tap, raw_tap = watch.taps(raw_tap) if watch else (None, raw_tap)
+        monitor = make_monitor(options, stamped=False, raw_tap=raw_tap, tap=tap)
         links, port = _listen()
         with links:
-            vehicle = _start(options, port)
+            vehicle = _start(options, port, quiet=watch is not None)
             told = Told(output)
-            session = Session(monitor, told, links, request=False)  # type: ignore[arg-type]
+            session = Session(monitor, told, links, request=False, watch=watch)  # type: ignore[arg-type]
             try:
                 session.listen(None, Landed(vehicle))
+                if watch is not None:
+                    truth = " ".join(told.verdict(fault) for fault in scenario.faults)
+                    watch.linger(f"the flight is over. {truth}")
             except KeyboardInterrupt:
                 code = INTERRUPTED
             finally:
                 vehicle.terminate()
                 vehicle.wait()
                 session.close()
-        if code == DONE and vehicle.returncode:
+        left = watch is not None and watch.stopping  # before the vehicle had landed
+        if code == DONE and vehicle.returncode and not left:
             raise GcsHealthError(f"the simulated vehicle ended with code {vehicle.returncode}")
         for fault in scenario.faults:
             print(told.verdict(fault), file=output.text)
@@ -83,6 +102,11 @@ class Told:
         """See `Output.poll`."""
         self._output.poll(now_us)
 
+    @property
+    def tell(self) -> Callable[[str], None]:
+        """See `Output.tell`."""
+        return self._output.tell
+
     def verdict(self, fault: Fault) -> str:
         """Say in a sentence whether a fault was found, and how fast."""
         at, motor = BOOTED + float(fault.at), int(fault.rotor) + 1
@@ -102,9 +126,10 @@ def _listen() -> tuple[Links, int]:
     return Links([parse_endpoint(f"udpin://{HOST}:{port}")]), port
 
 
-def _start(options: argparse.Namespace, port: int) -> "subprocess.Popen[bytes]":
+def _start(options: argparse.Namespace, port: int, quiet: bool) -> "subprocess.Popen[bytes]":
     command = [sys.executable, "-m", "gcs_health", "simulate", options.scenario]
     command += ["--to", f"udpout://{HOST}:{port}", "--speed", str(options.speed), "--skip", str(SKIP)]
     for change in options.set:
         command += ["--set", change]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    where = subprocess.DEVNULL if quiet else None  # a dashboard has the terminal
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=where, stderr=where)

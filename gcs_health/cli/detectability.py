@@ -11,17 +11,27 @@ import numpy as np
 
 from gcs_health.cli import DONE
 from gcs_health.errors import ConfigError, LogError
-from gcs_health.simulate.detect import WINDOW, Course, Trial, faults, median_interval, wilson
+from gcs_health.simulate.detect import (
+    SLOW,
+    SLOW_WINDOW,
+    WINDOW,
+    Course,
+    Trial,
+    faults,
+    median_interval,
+    wilson,
+)
 from gcs_health.simulate.recording import read_frames
 from gcs_health.vehicle_file import load_vehicle
 
 SCHEMA = "gcs_health.detectability/1"
 ROW = "{:<18}{:<7}{:<19}{:<22}{:>9}{:>13}"
 FOOT = f"""
-left: of the rotor's thrust after a sudden loss, grafted by the linear model. found: the right motor named
-within {WINDOW:g} s. Intervals: 95 %, Wilson and order statistics. Every motor fails at the same moments. wrong alarm:
-another motor named, or any motor where only telemetry failed. Trials at one moment are not independent: read "all"
-as somewhat less sure than its interval. Telemetry faults, unbalance and drag are not looked for yet."""
+left: of the rotor's thrust after a sudden loss, grafted by the linear model. shakes: an unbalanced propeller, by its
+acceleration at the flight's usual speed. drag: factor on that motor's current. found: the right motor named within
+{WINDOW:g} s, for shakes and drag within {SLOW_WINDOW:g} s, at fewer moments. Intervals: 95 %, Wilson and order
+statistics. Every motor fails at the same moments. wrong alarm: another motor named, or any motor where only telemetry
+failed. Trials at one moment are not independent: read "all" as somewhat less sure than its interval."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -82,21 +92,34 @@ def _report(courses: list[Course], motors: list[int], options: argparse.Namespac
         ROW.format("fault", "motor", "found", "median ms", "97.5 % ms", "wrong alarm"),
         file=lines.text,
     )
-    for effect, size, many in faults(courses[0].flown):
-        _progress(f"{effect} {size:g}")
+    rungs = faults(courses[0].flown)
+    if options.only:
+        rungs = [rung for rung in rungs if rung.effect.split()[0] in options.only]
+    for rung in rungs:
+        _progress(rung.name)
         by_motor = [
-            [course.trial(start, fault) for course in courses for start in range(len(course.starts))]
-            for fault in many
+            [course.trial(k, fault) for course in courses for k in range(len(course.starts_for(rung.effect)))]
+            for fault in rung.faults
         ]
         _progress("")
         everything = [trial for trials in by_motor for trial in trials]
-        name = f"{size:g} left" if size == size else effect
-        rows = zip(["all", *motors], [everything, *by_motor], strict=True)
-        for motor, trials in rows if size == size else [("all", everything)]:
-            row = _row(trials, named_is_wrong=size != size)
+        if not everything:
+            continue
+        sized = rung.size == rung.size
+        rows = zip(["all", *(fault.motor for fault in rung.faults)], [everything, *by_motor], strict=True)
+        name, head = rung.name, {"fault": rung.effect, "size": rung.size, "size_is": rung.size_is or None}
+        for motor, trials in rows if sized else [("all", everything)]:
+            row = _row(trials, named_is_wrong=not sized)
             print(_text(name, str(motor), row), file=lines.text, flush=True)
-            lines.write({"fault": effect, "size": size, "motor": None if motor == "all" else motor} | row)
+            lines.write(head | {"motor": None if motor == "all" else motor} | row)
             name = ""
+    wanted = set(options.only or SLOW)
+    if wanted.intersection(SLOW) and not any(course.slow_starts for course in courses):
+        print(
+            f"\nno moment has {SLOW_WINDOW:g} s of flight behind it: nothing slow is judged", file=lines.text
+        )
+    elif "drag" in wanted and not any(rung.effect == "drag" for rung in rungs):
+        print("\nno ESC tells its current: no drag can be raised", file=lines.text)
     print(FOOT, file=lines.text)
 
 

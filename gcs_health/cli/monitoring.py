@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, TextIO
 
 from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.config import load_config
@@ -16,14 +16,19 @@ from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.append_file import AppendFile
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
+from gcs_health.vehicle_monitor import Tap
 
 KEY_LENGTH = 32
 
 
 def make_monitor(
-    options: argparse.Namespace, *, stamped: bool, raw_tap: Callable[[FrameBatch], None] | None = None
+    options: argparse.Namespace,
+    *,
+    stamped: bool,
+    raw_tap: Callable[[FrameBatch], None] | None = None,
+    tap: Tap | None = None,
 ) -> Monitor:
-    """Return a monitor as the options ask; `raw_tap` hears of all frames.
+    """Return a monitor as the options ask; `raw_tap` hears of all frames, `tap` of all readings.
 
     Raises
     ------
@@ -39,6 +44,7 @@ def make_monitor(
             keys=(_key(options.signing_key),) if options.signing_key else (),
             stamped=stamped,
             raw_tap=raw_tap,
+            tap=tap,
             rules=load_config([path] if path else []).book,
         )
     )
@@ -104,17 +110,25 @@ class Output:
     vehicles : summaries seen.
     receivers : closed with the output, in their order.
 
-    Text goes to standard output, or to standard error where the JSON lines have standard output.
+    Text goes to standard output, or to standard error where the JSON lines have standard output; or to `text`.
+    `tell` takes what is to be told besides, line by line; standard error, if nobody else does.
     """
 
-    def __init__(self, jsonl: str | None, receivers: Iterable[Receiver] = ()) -> None:
+    def __init__(
+        self,
+        jsonl: str | None,
+        receivers: Iterable[Receiver] = (),
+        text: TextIO | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
         self.receivers = list(receivers)
         self.raised = False
         self.vehicles = 0
         self._first = True
         self._piped = jsonl == "-"
         self._file = AppendFile(Path(jsonl), overwrite=True) if jsonl and not self._piped else None
-        self.text = sys.stderr if self._piped else sys.stdout
+        self.text = text or (sys.stderr if self._piped else sys.stdout)
+        self.tell = tell or _to_standard_error
 
     def __enter__(self) -> Self:
         return self
@@ -124,8 +138,8 @@ class Output:
     ) -> None:
         if self._file is not None:
             self._file.close()
-            _tell(self._file.notices)
-        _close(self.receivers)
+            self._tell(self._file.notices)
+        self._close(self.receivers)
 
     @property
     def lost(self) -> bool:
@@ -141,13 +155,13 @@ class Output:
             yield
         finally:
             self.receivers = before
-            _close(receivers)
+            self._close(receivers)
 
     def poll(self, now_us: int) -> None:
         """Let receivers do what time alone causes, at UNIX µs."""
         for receiver in self.receivers:
             receiver.poll(now_us)
-            _tell(receiver.notices)
+            self._tell(receiver.notices)
 
     def write(self, events: Sequence[Event], *, at_once: bool) -> None:
         """Write events; `at_once` prints alerts and notices as they come (else the summary has them)."""
@@ -173,18 +187,20 @@ class Output:
         self._first = False
         if self._file is not None:
             self._file.append(text.encode(), events[-1].t_unix_us)
-            _tell(self._file.notices)
+            self._tell(self._file.notices)
         else:
             print(text, end="", flush=True)
 
+    def _close(self, receivers: Iterable[Receiver]) -> None:
+        for receiver in receivers:
+            receiver.close()
+            self._tell(receiver.notices)
 
-def _close(receivers: Iterable[Receiver]) -> None:
-    for receiver in receivers:
-        receiver.close()
-        _tell(receiver.notices)
+    def _tell(self, notices: list[str]) -> None:
+        for notice in notices:
+            self.tell(notice)
+        notices.clear()
 
 
-def _tell(notices: list[str]) -> None:
-    for notice in notices:
-        print(f"gcs-health: {notice}", file=sys.stderr, flush=True)
-    notices.clear()
+def _to_standard_error(notice: str) -> None:
+    print(f"gcs-health: {notice}", file=sys.stderr, flush=True)

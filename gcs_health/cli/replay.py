@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, TextIO
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import Output, make_monitor
@@ -10,6 +11,12 @@ from gcs_health.cli.receivers import evidence_of, history_of, options_for, sinks
 from gcs_health.errors import GcsHealthError, LogError
 from gcs_health.mavlink.tlog import Log, open_log
 from gcs_health.pipeline import Monitor
+from gcs_health.record.events import Event
+from gcs_health.vehicle_monitor import Tap
+
+if TYPE_CHECKING:
+    from gcs_health.cli.receivers import RawTap
+    from gcs_health.dashboard.interface import Worker
 
 
 def run(options: argparse.Namespace) -> int:
@@ -47,6 +54,37 @@ def _feed(monitor: Monitor, log: Log, options: argparse.Namespace, output: Outpu
     if output.vehicles == seen:
         systems = ", ".join(f"{s.system}.{s.component} ({s.role})" for s in monitor.survey().systems)
         raise LogError(f"{log.name}: no vehicle in this log; it holds {systems or 'no checked frame'}")
+
+
+def run_on_screen(options: argparse.Namespace, worker: "Worker", text: TextIO, notices: list[str]) -> int:
+    """Replay one file on the dashboard's screen; what its events are wanted for is done to the flight's end."""
+    from gcs_health.dashboard.player import play
+    from gcs_health.dashboard.tape import Tape
+
+    wanted = bool(options.jsonl or options.sink or options.evidence or options.fail_on_alert)
+    wanted |= options.history != "none"
+    name = options.files[0]
+    receivers = [*history_of(options), *sinks_of(options, patient=True)]
+    with (
+        Output(options.jsonl, receivers, text=text, tell=notices.append) as output,
+        options_for(options, name) as chosen,
+        open_log(name) as log,
+        evidence_of(options, name) as (more, raw_tap),
+        output.joined_by(more),
+    ):
+        tape = Tape(b"".join(log.blocks()), log.stamped)
+
+        def make(tap: Tap, raw_tap: "RawTap | None") -> Monitor:
+            return make_monitor(chosen, stamped=log.stamped, raw_tap=raw_tap, tap=tap)
+
+        def take(events: list[Event]) -> None:
+            output.write(events, at_once=False)
+
+        fore = play(worker, tape, make, name, take, raw_tap)
+        if wanted and not fore.done:
+            fore.halted = False
+            fore.run()
+    return ALERT if options.fail_on_alert and output.raised else DONE
 
 
 def _with_progress(log: Log) -> Iterator[bytes]:

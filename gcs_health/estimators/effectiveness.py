@@ -17,6 +17,7 @@ from typing import ClassVar
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators import effectiveness_words as words
+from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason
 from gcs_health.estimators.effectiveness_config import EffectivenessConfig
 from gcs_health.estimators.effectiveness_inputs import Inputs
@@ -73,10 +74,15 @@ class EffectivenessEstimator:
         _check(airframe, self.config)
         self.reset()
 
+    @property
+    def late(self) -> int:
+        """Readings older than what came before them."""
+        return self._order.late
+
     def reset(self) -> None:
         """Forget all that was learned in flight; equal to a new instance."""
         n = len(self.airframe.rotors)
-        self.late = 0  # readings older than what came before them
+        self._order = ArrivalOrder(self.config.late_before_restart)
         self._core: PaperFilter | RecommendedBank
         if self.config.mode == "paper":
             self._core = PaperFilter(self.airframe, self.config.paper)
@@ -90,10 +96,7 @@ class EffectivenessEstimator:
             self._bare = WithoutSpeeds(self.airframe, self.config.contradiction, self.config.trim)
         self._inputs = Inputs(n, self.config.stale_after)
         self._speeds = self._inputs.speeds
-        self._t = math.inf  # of the newest reading; infinite before any
-        self._first_t = math.inf
         self._told: tuple[int | None, bool] = (None, False)  # what was decided when last something was said
-        self._late_row = 0
         self._armed: bool | None = None
         self._still_since = NAN
         self._flight_over = False
@@ -101,8 +104,9 @@ class EffectivenessEstimator:
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates of the rotors about which a decision changed with it."""
         t = reading.t
-        if self._t <= t < math.inf and not self._late_row:
-            self._t = t
+        order = self._order
+        if order.newest <= t < math.inf and not order.late_row:
+            order.newest = t
         elif not self._in_order(t):
             return []
         kind = type(reading)
@@ -156,7 +160,7 @@ class EffectivenessEstimator:
         if bare is not None and bare.heard and Reason.NO_ROTOR_SPEEDS in common:
             return [bare.estimate(t, i, common) for i in range(len(self._speeds))]
         core = self._core
-        warming = t - self._first_t < self.config.absent_after
+        warming = t - self._order.first < self.config.absent_after
         if isinstance(core, PaperFilter):
             return [self._of_paper(core, t, i, common, warming) for i in range(len(self._speeds))]
         if failed is not None:
@@ -193,23 +197,12 @@ class EffectivenessEstimator:
         return words.missing(t, rotor, reasons, warming) if reasons else words.of_paper(core, t, rotor)
 
     def _in_order(self, t: float) -> bool:
-        if t - t != 0.0:
-            self.late += 1
+        order = self._order
+        if not order.takes(t):
             return False
-        if t < self._t < math.inf:
-            # one late reading is for the parts to refuse; many on end mean that the clock was set back
-            self.late += 1
-            self._late_row += 1
-            if self._late_row > self.config.late_before_restart:
-                late = self.late
-                self.reset()
-                self.late = late
-                self._t = self._first_t = t
-            return True
-        self._late_row = 0
-        self._t = t
-        if self._first_t == math.inf:
-            self._first_t = t
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         return True
 
     def _take_speeds(self, reading: RotorReading) -> bool:

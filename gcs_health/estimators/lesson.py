@@ -1,6 +1,6 @@
-"""Final ticks of a tenth of a second as columns: what baselines and gains are learned from.
+"""Final ticks of some tenths of a second as columns: what baselines and gains are learned from.
 
-Nothing that is learned decides about the tick that teaches it, so it can wait a little; over a dozen
+Nothing that is learned decides about the tick that teaches it, so it can wait a little; over some dozen
 ticks at once numpy is several times cheaper than plain floats tick by tick.
 """
 

@@ -96,7 +96,7 @@ class FlightIdentification:
         """Return the constants; `level` [rad/s] is the flight's usual speed. None without data."""
         c = self.config
         xx, xy = self._xx.copy(), self._xy.copy()
-        if not (xx[0, 0] > 0.0 and xy[0] > 0.0):
+        if not (xx[0, 0] > 0.0 and xy[0] > 0.0 and level > 0.0):
             return None
         crude = float(xy[0] / xx[0, 0])  # of the drag, friction and all
         scale = np.array([UNIT**2, UNIT, UNIT])

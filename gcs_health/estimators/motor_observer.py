@@ -17,6 +17,7 @@ from typing import ClassVar
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
+from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
 from gcs_health.estimators.motor_observer_config import MotorObserverConfig
 from gcs_health.estimators.motor_observer_paper import PaperObserver
@@ -83,6 +84,11 @@ class MotorObserver:
             raise ConfigError(f"mode: expected 'paper' or 'recommended', got '{self.config.mode}'")
         self.reset()
 
+    @property
+    def late(self) -> int:
+        """Readings older than what came before them."""
+        return self._order.late
+
     def reset(self) -> None:
         """Forget all that was learned in flight; equal to a new instance."""
         self.core: PaperObserver | RecommendedObserver
@@ -90,10 +96,8 @@ class MotorObserver:
             self.core = PaperObserver(self.airframe, self.config.paper, self.config.level)
         else:
             self.core = RecommendedObserver(self.airframe, self.config.recommended, self.config.level)
-        self.late = 0  # readings older than what came before them
-        self._late_row = 0
-        self._t = self._imu_t = -math.inf
-        self._first_t = math.inf
+        self._order = ArrivalOrder(self.config.late_before_restart)
+        self._imu_t = -math.inf
         self._speed_t = [-math.inf] * len(self.airframe.rotors)
 
     def feed(self, reading: Reading) -> list[Estimate]:
@@ -118,7 +122,7 @@ class MotorObserver:
 
     def _take_rates(self, reading: ImuReading) -> None:
         if reading.t < self._imu_t:
-            self.late += 1
+            self._order.late += 1
             return
         self._imu_t = reading.t
         if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
@@ -145,7 +149,7 @@ class MotorObserver:
 
     def _estimate(self, t: float, rotor: int, quantity: Quantity, report: Report) -> Estimate:
         status = report.status
-        if status is Status.UNOBSERVABLE and t - self._first_t < self.config.absent_after:
+        if status is Status.UNOBSERVABLE and t - self._order.first < self.config.absent_after:
             status = Status.CONVERGING
         return Estimate(
             t,
@@ -181,22 +185,10 @@ class MotorObserver:
         return []
 
     def _in_order(self, t: float) -> bool:
-        if t - t != 0.0:
-            self.late += 1
+        order = self._order
+        if not order.takes(t):
             return False
-        if t < self._t:
-            # one late reading is for the parts to refuse; many on end mean that the clock was set back
-            self.late += 1
-            self._late_row += 1
-            if self._late_row > self.config.late_before_restart:
-                late = self.late
-                self.reset()
-                self.late = late
-                self._t = self._first_t = t
-                self._imu_t = -math.inf
-            return True
-        self._late_row = 0
-        self._t = t
-        if self._first_t == math.inf:
-            self._first_t = t
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         return True

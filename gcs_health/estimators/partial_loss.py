@@ -1,8 +1,8 @@
 """One rotor that lost part of its thrust, held against a baseline with a long memory.
 
-    e, h     raw residual and columns of the rotors, means over a lesson of 0.2 s
+    e, h     raw residual and columns of the rotors, means over a lesson of 0.4 s
     b        offset with a memory of 25 s, not learned while a loss is seen
-    N, D     sums of -h_i' W (e - b) and h_i' W h_i over the last 0.6 .. 1.6 s,  W = 1 / noise of the means
+    N, D     sums of -h_i' W (e - b) and h_i' W h_i over the last 0.8 .. 1.6 s,  W = 1 / noise of the means
     theta = N / D,   LLR = N² / 2D,   std² = 1 / D + spread²
 
 As in the fault bank, but of any size: of all rotors and windows the likeliest counts. It is seen where theta is

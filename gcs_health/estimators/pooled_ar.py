@@ -18,6 +18,7 @@ from typing import ClassVar, Literal
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
+from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
 from gcs_health.estimators.pooled_ar_answers import Answer, ModelAlarm, by_speeds, by_vibration
 from gcs_health.estimators.pooled_ar_model import PooledModel
@@ -106,13 +107,15 @@ class PooledArEstimator:
         self._alike = lookalikes(airframe)
         self.reset()
 
+    @property
+    def late(self) -> int:
+        """Readings older than what came before them."""
+        return self._order.late
+
     def reset(self) -> None:
         """Forget all that was learned in flight; equal to a new instance."""
         c = self.config
-        self.late = 0  # readings older than what came before them
-        self._t = -math.inf
-        self._first_t = math.inf
-        self._late_row = 0
+        self._order = ArrivalOrder(self.config.late_before_restart)
         self._suspect: frozenset[int] = frozenset()
         self._paper = PaperWatch(c.models[0], c.paper) if c.mode == "paper" and c.models else None
         recommended = c.mode == "recommended"
@@ -157,22 +160,12 @@ class PooledArEstimator:
         return False
 
     def _in_order(self, t: float) -> bool:
-        if t - t != 0.0:
-            self.late += 1
+        order = self._order
+        if not order.takes(t):
             return False
-        if t < self._t:
-            # one late reading is refused by its part; many on end mean that the clock was set back
-            self.late += 1
-            self._late_row += 1
-            if self._late_row > self.config.late_before_restart:
-                late = self.late
-                self.reset()
-                self.late = late
-                self._t = self._first_t = t
-            return True
-        self._late_row = 0
-        self._t = t
-        self._first_t = min(self._first_t, t)
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         return True
 
     def _estimate(self, t: float, rotor: int) -> Estimate:
@@ -180,7 +173,7 @@ class PooledArEstimator:
         valid = [one for one in answers if one.valid]
         chosen = min(valid or answers, key=lambda one: one.std, default=None)
         if chosen is None:
-            warming = t - self._first_t < self.config.absent_after
+            warming = t - self._order.first < self.config.absent_after
             status = Status.CONVERGING if warming else Status.UNOBSERVABLE
             return Estimate(t, self.name, rotor, Quantity.DEGRADATION, NAN, NAN, NAN, status, reasons)
         status = Status.VALID if valid else Status.CONVERGING

@@ -15,6 +15,7 @@ with a healthy baseline of the same configuration, and the probability of damage
 """
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.amplitude_model import ImuFilter
+from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
 from gcs_health.estimators.ticks import FASTEST, MOST
 from gcs_health.estimators.unbalance_config import Baseline, UnbalanceConfig
@@ -91,17 +93,24 @@ class UnbalanceEstimator:
     def __init__(self, airframe: Airframe, config: UnbalanceConfig | None = None) -> None:
         self.airframe = airframe
         self.config = config or UnbalanceConfig()
+        if self.config.baseline is None:
+            self.config = replace(self.config, baseline=_of_the_vehicle_file(airframe))
         _check(airframe, self.config)
         self._mass = airframe.mass if airframe.mass else 1.0
         self._quantity = Quantity.UNBALANCE if airframe.mass else Quantity.UNBALANCE_RELATIVE
         self.quantities = (self._quantity,)  # type: ignore[misc]  # of this airframe
         self.reset()
 
+    @property
+    def late(self) -> int:
+        """Readings older than what came before them."""
+        return self._order.late
+
     def reset(self) -> None:
         """Forget all that was learned in flight; equal to a new instance."""
         n = self._rotors = len(self.airframe.rotors)
         c = self.config
-        self.late = 0
+        self._order = ArrivalOrder(c.late_before_restart)
         self._paper = PaperUnbalance(self.airframe, c.paper) if c.mode == "paper" else None
         damage = c.damage / self._mass if c.damage is not None else None
         self._recommended = RecommendedTracker(self.airframe, c.recommended, damage, c.baseline)
@@ -111,7 +120,6 @@ class UnbalanceEstimator:
         self._imu_t = -math.inf
         self._armed: bool | None = None
         self._landed: bool | None = None
-        self._t, self._first_t, self._late_row = -math.inf, math.inf, 0
         self._was: tuple[str, int] = ("", -1)
 
     def feed(self, reading: Reading) -> list[Estimate]:
@@ -168,23 +176,12 @@ class UnbalanceEstimator:
     # -- readings -----------------------------------------------------------------------------------
 
     def _in_order(self, t: float) -> bool:
-        if t - t != 0.0:
-            self.late += 1
+        order = self._order
+        if not order.takes(t):
             return False
-        if t < self._t:
-            # one late reading is for the parts to refuse; many on end mean that the clock was set back
-            self.late += 1
-            self._late_row += 1
-            if self._late_row > self.config.late_before_restart:
-                late = self.late
-                self.reset()
-                self.late = late
-                self._t = self._first_t = t
-            return True
-        self._late_row = 0
-        self._t = t
-        if self._first_t == math.inf:
-            self._first_t = t
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         return True
 
     def _take_imu(self, reading: ImuReading) -> bool:
@@ -290,7 +287,7 @@ class UnbalanceEstimator:
     def _unknown(
         self, t: float, rotor: int, reasons: list[Reason], p: float = NAN, evidence: Evidence = ()
     ) -> Estimate:
-        warming = t - self._first_t < self.config.absent_after
+        warming = t - self._order.first < self.config.absent_after
         status = Status.CONVERGING if warming or reasons == [Reason.SETTLING] else Status.UNOBSERVABLE
         return self._make(t, rotor, NAN, NAN, p, status, reasons, NAN, evidence)
 
@@ -378,6 +375,20 @@ class UnbalanceEstimator:
             p = (0.9 if named and i == b else 0.05) if not reasons else NAN
             out.append(self._make(t, i, float(value[i]), float(std[i]), p, status, reasons, NAN, evidence))
         return out
+
+
+def _of_the_vehicle_file(airframe: Airframe) -> Baseline | None:
+    """Return what `gcs-health calibrate` has left of the healthy vehicle; None if nothing."""
+    known = airframe.baseline
+    if not known.unbalance and known.vibration_level is None and known.vibration is None:
+        return None
+    return Baseline(
+        known.unbalance,
+        NAN if known.vibration_level is None else known.vibration_level,
+        NAN if known.vibration is None else known.vibration,
+        sum(known.hover_command) / len(known.hover_command) if known.hover_command else NAN,
+        sum(known.hover_speed) / len(known.hover_speed) if known.hover_speed else NAN,
+    )
 
 
 def _root(s: float, std: float) -> tuple[float, float]:

@@ -106,6 +106,7 @@ OF_KIND: dict[Kind, AlertKind] = {
         "motor {motor} ({seat}): its telemetry is another motor's, {percent} % sure",
         "Do not trust verdicts on single motors; check which ESC telemetry is wired to which motor.",
         clear_after=10.0,
+        hold=4.0,  # longer than one jolt stays in the correlations
     ),
     Kind.MOTOR_ORDER_WRONG: AlertKind(
         "MOTOR_ORDER_WRONG",
@@ -113,6 +114,7 @@ OF_KIND: dict[Kind, AlertKind] = {
         "motor {motor} ({seat}): answers where another motor should sit",
         "Land; check the order of the motors and the geometry before the next flight.",
         clear_after=10.0,
+        hold=1.0,
     ),
 }
 

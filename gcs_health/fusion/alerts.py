@@ -7,9 +7,11 @@
     cleared     below `clear_at` for `clear_after`; a latched code only with the next flight
 
 One alarm a cause: after a rotor has failed, what follows in the others (idling partners, contact, the crash) is not
-told as faults of their own; telemetry that all rotors lose at once is one link's fault, told once.
+told as faults of their own; two exchanged rotors are one alarm; telemetry that all rotors lose at once is one
+link's fault, told once.
 """
 
+import math
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
@@ -55,6 +57,7 @@ class _Episode:
     told: float  # probability last told
     told_t: float
     worst: float
+    raised: float  # when [s]
     calm_since: float | None = None
     acknowledged: bool = False
     shelved_until: float = float("-inf")
@@ -70,6 +73,16 @@ class AlertDesk:
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
         self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
         self.count = count
+
+    @property
+    def failed(self) -> int | None:
+        """The rotor that was told first to have failed, None where none has."""
+        return next((each.rotor for each in self._open.values() if each.family is FAILED_FAMILY), None)
+
+    @property
+    def failed_at(self) -> float:
+        """When that was [s]; NaN where none has."""
+        return next((each.raised for each in self._open.values() if each.family is FAILED_FAMILY), math.nan)
 
     def set_rules(self, rules: Rules) -> None:
         """Go on under these rules; what is open stays so until they clear it."""
@@ -146,7 +159,9 @@ class AlertDesk:
         if not waiting:
             del self._waiting[verdict.rotor]
         self.count += 1
-        episode = _Episode(self.count, verdict.rotor, family, row, probability, verdict.t, probability)
+        episode = _Episode(
+            self.count, verdict.rotor, family, row, probability, verdict.t, probability, verdict.t
+        )
         self._open[verdict.rotor, family] = episode
         return self._step(verdict.t, episode, "raised", probability, evidence)
 
@@ -154,17 +169,17 @@ class AlertDesk:
         """Return the code of the family's likeliest kind, or "failed" while unclear; None = not told."""
         if len(family) == 1:
             return self._rules.row(next(iter(family)))
-        kind, probability = max(
-            ((kind, p) for kind, p in verdict.posterior if kind in family), key=lambda each: each[1]
-        )
-        clear = probability >= CLEAR_KIND * verdict.of(family)
+        kind = max((kind for kind in verdict.weights if kind in family), key=verdict.weights.__getitem__)
+        clear = verdict.weights[kind] >= CLEAR_KIND * verdict.total * verdict.of(family)
         return self._rules.row(kind) if clear else self._rules.failed
 
     def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
         """Whether another rotor's failure is cause enough for what this one shows."""
-        return any(
-            episode.rotor != rotor and episode.family is FAILED_FAMILY for episode in self._open.values()
-        ) and family not in (TELEMETRY,)
+        if family in _EXCHANGED:  # two rotors, one cause: whichever is seen first
+            return any(each.rotor != rotor and each.family == family for each in self._open.values())
+        return family != TELEMETRY and any(
+            each.rotor != rotor and each.family is FAILED_FAMILY for each in self._open.values()
+        )
 
     def _go_on(
         self,
@@ -234,4 +249,5 @@ class AlertDesk:
 
 FAILED_FAMILY = FAILED
 TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
+_EXCHANGED = (frozenset({Kind.ESC_MISATTRIBUTED}), frozenset({Kind.MOTOR_ORDER_WRONG}))
 FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 
 from gcs_health.estimators.contract import Estimate, Reason, Status
-from gcs_health.fusion.kinds import FAULTS, Kind
+from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
 from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence
 from gcs_health.rotor_telemetry import RotorState
 from gcs_health.samples import EscInfo
@@ -21,9 +21,14 @@ HOLDS, HOLDS_SLOW = 1.0, 5.0  # s that an estimate holds without being repeated
 LOST_SPREAD, PART_SPREAD = 0.2, 0.05  # of the loss beyond its own standard deviation
 PARTIAL = tuple(0.1 + 0.05 * k for k in range(14))  # losses that "partly" covers, equally likely
 
+TURNS = 0.8  # of hover speed: a motor that does cannot have stopped
+
 STUCK_FLAG, HEAT_FLAGS = 32, 4 | 128 | 256 | 512  # ESC_FAILURE_FLAGS, and PX4's beyond the enum
 HOT = 110.0  # °C, where ESCs begin to protect themselves
+SOON, WARM = 30.0, 70.0  # s within which a rise would reach HOT, and °C from which a rise is followed
+TREND_OVER = 5.0  # s
 ERRORS_A_SECOND = 20.0  # more than a noisy wire makes
+VOTE = 6.0  # nats of a source whose false alarms no campaign has bounded: it decides nothing alone
 
 
 def from_estimate(estimate: Estimate) -> Evidence | None:
@@ -61,7 +66,7 @@ def effectiveness(estimate: Estimate) -> Evidence | None:
         (Kind.THRUST_LOSS, part),
         (Kind.PROPELLER_SLIPPING, max(gone, part)),
     )
-    if not named:
+    if not named and dict(estimate.evidence).get("speed_over_hover", 1.0) > TURNS:  # type: ignore[operator]
         odds += ((Kind.MOTOR_STOPPED, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
     return _evidence(estimate, odds)
 
@@ -116,10 +121,64 @@ def esc_state(t: float, rotor: int, state: RotorState, others_live: bool, in_fli
     return Evidence(t, rotor, "esc", ((Kind.ESC_TELEMETRY_LOST, AGAINST),))
 
 
-def esc_info(t: float, rotor: int, slot: int, info: EscInfo, errors_a_second: float) -> Evidence:
+def degradation(estimate: Estimate) -> Evidence | None:
+    """The pooled AR's and the speeds' view of a degraded rotor: a vote."""
+    p = estimate.failure_probability
+    if p != p or estimate.status is not Status.VALID:
+        return None
+    # it tells no kind; and a rotor without a propeller keeps its speed: that it sees nothing is no health
+    ratio = min(max(_compensated(p, Kind.THRUST_LOSS), 0.0), VOTE)
+    odds = tuple((kind, ratio) for kind in FAULTS if kind in FAILED)
+    return _evidence(estimate, odds)._replace(sees_thrust=False)
+
+
+def partial_loss(estimate: Estimate, evidence: Evidence) -> Evidence:
+    """Return the evidence of a partial loss that has lasted: it counts in full, by its size among the kinds."""
+    loss, spread = 1.0 - estimate.value, estimate.std
+    gone, part = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)), _partly(loss, spread)
+    top = max(gone, part)
+    gone, part = SURE + gone - top, SURE + part - top
+    odds = ((Kind.PROPELLER_LOST, gone), (Kind.THRUST_LOSS, part), (Kind.PROPELLER_SLIPPING, gone))
+    return evidence._replace(odds=odds)
+
+
+class EscHeat:
+    """Level [°C] and trend [°C/s] of one ESC's temperature, over 5 s."""
+
+    __slots__ = ("level", "since", "t", "trend")
+
+    def __init__(self) -> None:
+        self.level = self.t = self.since = math.nan
+        self.trend = 0.0
+
+    def feed(self, t: float, degc: float) -> None:
+        """Take a temperature; NaN = not known."""
+        dt = t - self.t
+        if degc != degc:
+            return
+        if not 0.0 < dt < TREND_OVER:  # the first, or after a gap
+            self.level, self.trend, self.t, self.since = degc, 0.0, t, t
+            return
+        share = dt / TREND_OVER
+        before = self.level
+        # Holt's: the level follows its own trend, the trend what the level did
+        self.level += self.trend * dt + 2.0 * share * (degc - self.level - self.trend * dt)
+        self.trend += share * ((self.level - before) / dt - self.trend)
+        self.t = t
+
+    @property
+    def hot_soon(self) -> bool:
+        """Whether the rise, if it goes on, ends above `HOT` within `SOON` s."""
+        settled = self.t - self.since > 2.0 * TREND_OVER
+        return settled and self.level > WARM and self.level + SOON * self.trend > HOT
+
+
+def esc_info(
+    t: float, rotor: int, slot: int, info: EscInfo, errors_a_second: float, heat: EscHeat | None = None
+) -> Evidence:
     """Return what ESC_INFO says in its slot 0 to 3."""
     flags, degc = info.failure_flags[slot], info.temperature_degc[slot]
-    hot = bool(flags & HEAT_FLAGS) or degc > HOT
+    hot = bool(flags & HEAT_FLAGS) or degc > HOT or (heat is not None and heat.hot_soon)
     other = flags & ~(HEAT_FLAGS | STUCK_FLAG)
     odds: Odds = (
         (Kind.ESC_OVERHEATING, SURE if hot else AGAINST),
@@ -130,6 +189,8 @@ def esc_info(t: float, rotor: int, slot: int, info: EscInfo, errors_a_second: fl
     figures: tuple[tuple[str, float | str], ...] = (("failure_flags", float(flags)),)
     if degc == degc:
         figures += (("temperature_degc", degc),)
+        if heat is not None:
+            figures += (("temperature_trend_degc_s", heat.trend),)
     if errors_a_second > 0.0:
         figures += (("errors_a_second", errors_a_second),)
     return Evidence(t, rotor, "esc_info", odds, lasts=3.0, figures=figures)
@@ -166,5 +227,6 @@ _OF_ESTIMATOR: dict[tuple[str, str], Callable[[Estimate], Evidence | None]] = {
     ("motor_observer", "drag"): drag,
     ("unbalance", "unbalance"): unbalance,
     ("unbalance", "unbalance_relative"): unbalance,
+    ("pooled_ar", "degradation"): degradation,
 }
 assert set(PRIOR_ODDS) == set(FAULTS)

@@ -6,16 +6,22 @@ from collections.abc import Iterable
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.contract import Estimate, Reason
 from gcs_health.fusion.alerts import Alert, AlertDesk
+from gcs_health.fusion.attribution import Attribution
 from gcs_health.fusion.autopilot_words import AutopilotWord, Opinion
-from gcs_health.fusion.evidence import esc_info, esc_state, from_estimate
+from gcs_health.fusion.commanded import Commanded
+from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estimate, partial_loss
 from gcs_health.fusion.kinds import FAILED, Kind
+from gcs_health.fusion.load import Load
 from gcs_health.fusion.rules import Rules
-from gcs_health.fusion.verdicts import RotorBelief, Verdict
+from gcs_health.fusion.verdicts import BOUND, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
-from gcs_health.samples import EscInfo
+from gcs_health.samples import CommandReading, EscInfo, ImuReading, Reading, RotorReading
 
 LIVE = (RotorState.FRESH, RotorState.STOPPED)
-AGREE_WITHIN = 10.0  # s between the autopilot's word and ours that are of the same event
+DECIDES = (
+    1.0  # s after a failure in which load and command tell its kind: then a quadrotor lies on the ground
+)
+PART_HOLDS = 2.0  # s that a part of the thrust must be missing; benchmarks/partial_losses.md
 
 # what each of the autopilot's words could be of
 MEANS: dict[Opinion, frozenset[Kind]] = {
@@ -49,7 +55,11 @@ class RotorPanel:
         self._rotor_of_esc = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
         self._errors: dict[int, tuple[float, int]] = {}  # time and error count by ESC
         self._judged: list[Verdict] = []
-        self._crashed = False
+        self._attribution = Attribution(airframe)
+        self._commanded = Commanded(len(airframe.rotors))
+        self._load = Load(len(airframe.rotors))
+        self._heat: dict[int, EscHeat] = {}  # by ESC
+        self._part_since: dict[int, float] = {}  # since when a part of a rotor's thrust is missing
 
     @property
     def count(self) -> int:
@@ -61,11 +71,49 @@ class RotorPanel:
         """The last verdict of every rotor; empty before the first."""
         return self._judged
 
+    def read(self, reading: Reading, flies: bool) -> list[Alert]:
+        """Take what estimators take, for what is seen in the telemetry itself; return what follows at once."""
+        kind = type(reading)
+        if kind is ImuReading:
+            self._attribution.imu(reading)  # type: ignore[arg-type]
+        elif kind is CommandReading:
+            self._attribution.command(reading)  # type: ignore[arg-type]
+            self._commanded.command(reading)  # type: ignore[arg-type]
+        elif kind is RotorReading:
+            return self._rotors(reading, flies)  # type: ignore[arg-type]
+        return []
+
+    def _rotors(self, reading: RotorReading, flies: bool) -> list[Alert]:
+        failed = self._failed
+        said: list[Evidence] = self._commanded.rotors(reading, flies)
+        if failed is None:
+            for evidence in self._attribution.rotors(reading, flies):
+                self._beliefs[evidence.rotor].feed(evidence)
+            if flies:
+                self._load.learn(reading)
+        elif not reading.t - self._desk.failed_at <= DECIDES:
+            return []
+        else:
+            load = self._load.follow(reading, failed)
+            said = [each for each in said if each.rotor == failed] + ([load] if load is not None else [])
+        told: list[Alert] = []
+        for evidence in said:
+            self._beliefs[evidence.rotor].feed(evidence)
+            told += self._judge(evidence.rotor, evidence.t)
+        return told
+
+    @property
+    def _failed(self) -> int | None:
+        """The rotor that was told to have failed, if any: what follows in the others is explained by it."""
+        return self._desk.failed
+
     def feed(self, estimates: Iterable[Estimate]) -> list[Alert]:
         """Take estimates; return what follows at once of the rotors whose failure some of them name."""
         told: list[Alert] = []
         for estimate in estimates:
             evidence = from_estimate(estimate)
+            if estimate.estimator == "effectiveness":
+                evidence = self._lasting(estimate, evidence)
             if evidence is None:
                 continue
             self._beliefs[estimate.rotor].feed(evidence)
@@ -73,6 +121,15 @@ class RotorPanel:
             if named and evidence.sees_thrust:
                 told += self._judge(estimate.rotor, estimate.t)
         return told
+
+    def _lasting(self, estimate: Estimate, evidence: Evidence | None) -> Evidence | None:
+        """A part of the thrust that has been missing for long is a fault, though no rule of total loss named it."""
+        rotor = estimate.rotor
+        if ("rule", "partial_loss") not in estimate.evidence or evidence is None:
+            self._part_since.pop(rotor, None)
+            return evidence
+        missing = estimate.t - self._part_since.setdefault(rotor, estimate.t)
+        return partial_loss(estimate, evidence) if missing >= PART_HOLDS else evidence
 
     def esc_info(self, t: float, info: EscInfo) -> None:
         """Take the ESCs' own reports."""
@@ -84,7 +141,9 @@ class RotorPanel:
             before, count = self._errors.get(esc, (t, info.error_count[slot]))
             rate = (info.error_count[slot] - count) / (t - before) if t > before else 0.0
             self._errors[esc] = (t, info.error_count[slot])
-            self._beliefs[rotor].feed(esc_info(t, rotor, slot, info, max(rate, 0.0)))
+            heat = self._heat.setdefault(esc, EscHeat())
+            heat.feed(t, info.temperature_degc[slot])
+            self._beliefs[rotor].feed(esc_info(t, rotor, slot, info, max(rate, 0.0), heat))
 
     def routine(self, t: float, telemetry: RotorTelemetry, in_flight: bool) -> list[Alert]:
         """Judge every rotor at vehicle time `t` [s]."""
@@ -94,12 +153,21 @@ class RotorPanel:
             evidence = esc_state(t, k, state, others, in_flight)
             if evidence is not None:
                 self._beliefs[k].feed(evidence)
+        if self._failed is not None:
+            self._excuse(t)
         self._judged = [belief.verdict(t) for belief in self._beliefs]
         told: list[Alert] = []
         for belief, verdict in zip(self._beliefs, self._judged, strict=True):
             if self._desk.concerned(verdict):
                 told += self._desk.feed(verdict, belief.figures())
         return told
+
+    def _excuse(self, t: float) -> None:
+        """A rotor that the controller switched off once another had failed stands still by order."""
+        for k, belief in enumerate(self._beliefs):
+            if k != self._failed and self._commanded.switched_off(k):
+                odds = tuple((kind, -BOUND) for kind in FAILED)
+                belief.feed(Evidence(t, k, "switched_off", odds))
 
     def relation(self, word: AutopilotWord) -> str:
         """Say how the autopilot's word stands to our verdicts: "agrees", "alone" or "contradicts"."""
@@ -121,6 +189,10 @@ class RotorPanel:
         """Forget what held for the flight before."""
         for belief in self._beliefs:
             belief.new_flight()
+        self._attribution.new_flight()
+        self._commanded.new_flight()
+        self._load.new_flight()
+        self._part_since.clear()
         return self._desk.new_flight(t)
 
     def acknowledge(self, number: int, t: float) -> list[Alert]:

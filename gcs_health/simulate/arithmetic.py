@@ -21,6 +21,7 @@ class Arithmetic(NamedTuple):
     cos: Callable[[Value], Value]
     minimum: Callable[[Value, Value], Value]
     maximum: Callable[[Value, Value], Value]
+    clip: Callable[[Value, Value], Value]  # to plus and minus the second
     where: Callable[[Value, Value, Value], Value]
     any: Callable[[Value], bool]
     rint: Callable[[Value], Value]
@@ -32,6 +33,7 @@ FLOATS = Arithmetic(
     cos=math.cos,
     minimum=lambda a, b: a if a < b else b,
     maximum=lambda a, b: a if a > b else b,
+    clip=lambda a, most: a if -most < a < most else -most if a < 0.0 else most,
     where=lambda condition, a, b: a if condition else b,
     any=bool,
     rint=round,
@@ -42,6 +44,7 @@ COLUMNS = Arithmetic(
     cos=np.cos,
     minimum=np.minimum,
     maximum=np.maximum,
+    clip=lambda a, most: np.minimum(np.maximum(a, -most), most),
     where=np.where,
     any=lambda condition: bool(np.any(condition)),
     rint=np.rint,

@@ -125,8 +125,7 @@ def fly_many(
 
 def _control(world: World, command: list[Array]) -> tuple[Value, ...]:
     """Return a row of `Flights.control`."""
-    qw, qx, qy, qz = world.plant.attitude
-    z1, z2, z3 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+    _, _, z1, _, _, z2, _, _, z3 = world.plant.rotation
     d1, d2, d3 = world.controller.thrust_axis
     error = np.arccos(np.clip(z1 * d1 + z2 * d2 + z3 * d3, -1.0, 1.0))
     thrust = sum(one * one for one in command) / len(command)

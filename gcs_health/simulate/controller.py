@@ -41,8 +41,8 @@ class Gains:
 class Controller:
     """Turns goal and state into rotor speeds; `allocate` takes a new set of rotors to use.
 
-    `thrust_axis` is where body z should point, in the world; `yaw_integral` the yaw rate loop's integral
-    as a share of its limit.
+    `thrust_axis` is where body z should point, in the world; `turn` the wanted body rates [rad/s];
+    `yaw_integral` the yaw rate loop's integral as a share of its limit.
     """
 
     def __init__(self, vehicle: SimVehicle, ops: Arithmetic, dt: float, zero: Value, gains: Gains) -> None:
@@ -55,6 +55,7 @@ class Controller:
         self._gyro = [zero, zero, zero]
         self.wanted: list[Value] = [zero] * len(vehicle.rotors)
         self.thrust_axis: tuple[Value, Value, Value] = (zero, zero, zero + 1.0)
+        self.turn: tuple[Value, Value, Value] = (zero, zero, zero)
         self.crashed = zero > 1.0  # False, or a column of it
         self._mix: list[list[Value]] = mixer(vehicle, np.ones(len(vehicle.rotors))).tolist()
 
@@ -74,9 +75,8 @@ class Controller:
     def update(self, plant: Plant, gyro: list[Value], goal: Goal) -> list[Value]:
         """Return the wanted rotor speeds [rad/s]."""
         g, ops = self.gains, self.ops
-        qw, qx, qy, qz = plant.attitude
-        # third and first column of the rotation matrix: body z and body x in the world
-        z1, z2, z3 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+        # columns of the rotation matrix: body x, y and z in the world
+        x1, y1, z1, x2, y2, z2, x3, y3, z3 = plant.rotation
         ax, ay, az = self._acceleration(plant, goal)
         az = ops.minimum(az - GRAVITY, -0.3 * GRAVITY)  # never ask to fall faster than it can right itself
         flat = ops.sqrt(ax * ax + ay * ay) + 1e-9
@@ -85,65 +85,75 @@ class Controller:
         size = ops.sqrt(ax * ax + ay * ay + az * az)
         lift = plant.mass * ops.maximum(-(ax * z1 + ay * z2 + az * z3), 0.2 * GRAVITY)
         self.thrust_axis = d1, d2, d3 = -ax / size, -ay / size, -az / size
-        # z_b x z_b* is the turn that is missing, in the world; its body components need body x and y
+        # z_b x z_b* is the turn that is missing, in the world
         e1, e2, e3 = z2 * d3 - z3 * d2, z3 * d1 - z1 * d3, z1 * d2 - z2 * d1
-        x1, x2, x3 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
-        y1, y2, y3 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
         roll = g.attitude * (e1 * x1 + e2 * x2 + e3 * x3)
         pitch = g.attitude * (e1 * y1 + e2 * y2 + e3 * y3)
-        thrusts = self._share(lift, self._moment(gyro, roll, pitch, -g.yaw * x2))
+        self.turn = roll, pitch, -g.yaw * x2
+        thrusts = self._share(lift, self._moment(gyro, *self.turn))
         low_down = plant.position[2] > -1.0 - self.vehicle.leg
         self.crashed = self.crashed | (low_down & (z3 < 0.3))  # it lies on its side: motors off
         on = ops.where(self.crashed | goal.off, 0.0, 1.0)
         idle = self.vehicle.motor.idle
         scale = 1.0 / self.vehicle.motor.thrust
         flying = ops.where(goal.idle, 0.0, 1.0)
-        self.wanted = [
-            on * (flying * ops.maximum(ops.sqrt(one * scale), idle) + (1.0 - flying) * idle)
-            for one in thrusts
-        ]
+        high, sqrt, standing = ops.maximum, ops.sqrt, (1.0 - flying) * idle
+        self.wanted = [on * (flying * high(sqrt(one * scale), idle) + standing) for one in thrusts]
         return self.wanted
 
     def _acceleration(self, plant: Plant, goal: Goal) -> list[Value]:
-        g, ops = self.gains, self.ops
+        g, where, clip = self.gains, self.ops.where, self.ops.clip
+        gathered, speed, idle = g.velocity_integral * self.dt, goal.speed, goal.idle
         out = []
-        for k, (at, ahead) in enumerate(((goal.x, goal.vx), (goal.y, goal.vy), (goal.z, goal.vz))):
-            wanted = ahead + ops.minimum(
-                ops.maximum(g.position * (at - plant.position[k]), -goal.speed), goal.speed
+        for k, (at, ahead, x, v) in enumerate(
+            zip(
+                (goal.x, goal.y, goal.z),
+                (goal.vx, goal.vy, goal.vz),
+                plant.position,
+                plant.velocity,
+                strict=True,
             )
-            error = wanted - plant.velocity[k]
-            push = self._push[k] + g.velocity_integral * self.dt * error
-            self._push[k] = ops.where(goal.idle, 0.0, ops.minimum(ops.maximum(push, -4.0), 4.0))
-            out.append(g.velocity * error + self._push[k])
+        ):
+            error = ahead + clip(g.position * (at - x), speed) - v
+            self._push[k] = push = where(idle, 0.0, clip(self._push[k] + gathered * error, 4.0))
+            out.append(g.velocity * error + push)
         return out
 
     def _moment(self, gyro: list[Value], roll: Value, pitch: Value, yaw: Value) -> list[Value]:
-        g, ops = self.gains, self.ops
+        g, clip = self.gains, self.ops.clip
         keep = min(1.0, self.dt * g.gyro_cutoff)
+        gathered = g.rate_integral * self.dt
         out = []
-        for k, goal in enumerate((roll, pitch, yaw)):
-            self._gyro[k] = rate = self._gyro[k] + keep * (gyro[k] - self._gyro[k])
-            gain = g.rate if k < 2 else g.yaw_rate
-            error = ops.minimum(ops.maximum(goal, -g.fastest_turn), g.fastest_turn) - rate
-            trim = self._trim[k] + g.rate_integral * self.dt * error * (1.0 if k < 2 else 0.3)
-            self._trim[k] = ops.minimum(ops.maximum(trim, -MOST_TRIM), MOST_TRIM)
-            out.append(self.vehicle.inertia[k] * (gain * error + self._trim[k]))
+        for k, goal, gain, share, inertia in zip(
+            (0, 1, 2),
+            (roll, pitch, yaw),
+            (g.rate, g.rate, g.yaw_rate),
+            (1.0, 1.0, 0.3),
+            self.vehicle.inertia,
+            strict=True,
+        ):
+            rate = self._gyro[k]
+            self._gyro[k] = rate = rate + keep * (gyro[k] - rate)
+            error = clip(goal, g.fastest_turn) - rate
+            self._trim[k] = trim = clip(self._trim[k] + gathered * share * error, MOST_TRIM)
+            out.append(inertia * (gain * error + trim))
         return out
 
     def _share(self, lift: Value, moment: list[Value]) -> list[Value]:
         """Return the thrusts; saturation costs yaw first, then height, last roll and pitch."""
-        m, ops = self.vehicle.motor, self.ops
+        m, low, high, clip = self.vehicle.motor, self.ops.minimum, self.ops.maximum, self.ops.clip
         top, least = m.thrust * m.top**2, m.thrust * m.idle**2
         most_yaw = self.gains.yaw_share * self.vehicle.mass * GRAVITY / len(self._mix)
-        thrusts = []
-        for up, roll, pitch, yaw in self._mix:
-            turn = ops.minimum(ops.maximum(yaw * moment[2], -most_yaw), most_yaw)
-            thrusts.append(up * lift + roll * moment[0] + pitch * moment[1] + turn)
+        mx, my, mz = moment
+        thrusts = [
+            up * lift + roll * mx + pitch * my + clip(yaw * mz, most_yaw)
+            for up, roll, pitch, yaw in self._mix
+        ]
         over = thrusts[0]
         for one in thrusts[1:]:
-            over = ops.maximum(over, one)
-        over = ops.maximum(over - top, 0.0)
-        return [ops.minimum(ops.maximum(one - over, least), top) for one in thrusts]
+            over = high(over, one)
+        over = high(over - top, 0.0)
+        return [low(high(one - over, least), top) for one in thrusts]
 
 
 def mixer(vehicle: SimVehicle, usable: NDArray[np.float64]) -> NDArray[np.float64]:

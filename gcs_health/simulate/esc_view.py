@@ -12,12 +12,13 @@ from gcs_health.simulate.world import World
 
 
 class Slot(NamedTuple):
-    """One ESC index: its last sample, whether it still speaks, for how long not [s], packets so far."""
+    """One ESC index: its last sample, whether it still speaks, for how long not [s], packets and failure flags."""
 
     sample: EscSample | None
     alive: bool
     silent: float
     packets: int
+    flags: int = 0
 
 
 class Silence(NamedTuple):
@@ -41,10 +42,11 @@ class EscView:
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(world.scenario.vehicle.rotors)}
         faults = [fault for fault in world.faults if KINDS[fault.kind].telemetry]
         self._swaps = [fault for fault in faults if fault.kind == "esc_swapped"]
+        self._reports = [fault for fault in faults if fault.kind in ("esc_heat", "esc_flags")]
         self._silences = [
             Silence(fault.rotor, fault.at, math.inf, fault.kind == "esc_frozen")
             for fault in faults
-            if fault.kind != "esc_swapped"
+            if fault.kind in ("esc_lost", "esc_frozen")
         ]
         self._silences += drop_outs(world)
         self._held: dict[Silence, tuple[EscSample | None, int]] = {}
@@ -64,7 +66,16 @@ class EscView:
             if silence.rotor == rotor and silence.start <= t < silence.end:
                 sample, packets = self._held.setdefault(silence, (sample, packets))
                 silent = max(silent, 0.0 if silence.frozen else t - silence.start)
-        return Slot(sample, sample is not None and silent <= self._patience, silent, packets)
+        flags = 0
+        for report in self._reports:
+            if report.rotor != rotor or t < report.at or sample is None:
+                continue
+            if report.kind == "esc_flags":
+                flags |= int(report.size)
+            else:
+                share = min((t - report.at) / report.ramp, 1.0) if report.ramp else 1.0
+                sample = sample._replace(temperature=sample.temperature + share * report.size)
+        return Slot(sample, sample is not None and silent <= self._patience, silent, packets, flags)
 
 
 def _swapped(rotor: int, swap: Fault) -> int:

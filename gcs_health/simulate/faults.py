@@ -6,13 +6,16 @@
 | effectiveness | what is left, 0..1 | thrust and drag torque reduced | - |
 | slow | factor on the speed, 0..1 | commanded speed reduced (Dutta's degradation) | slow |
 | motor_stopped | - | no current: it coasts to a stop | off |
-| motor_stuck | - | it stands at once | stuck |
+| motor_stuck | - | it stands at once, under current | stuck |
 | blade_cut | share of one blade's length | thrust and torque lost, and the mass at the tip | - |
 | unbalance | g mm | unbalance of the propeller | - |
 | bearing | factor on friction | wear; often with `ramp` | - |
+| slipping | what is left of the thrust | the motor is loaded as before: rpm and current are fine | - |
 | esc_lost | - | its telemetry stops | off |
 | esc_frozen | - | its telemetry repeats | stuck |
 | esc_swapped | the other motor | two ESCs' telemetry exchanged | wrong |
+| esc_heat | deg C added | its temperature sensor or cooling; with `ramp` a trend | - |
+| esc_flags | ESC_FAILURE_FLAGS | PX4's ESC_INFO reports them | - |
 """
 
 import math
@@ -48,9 +51,12 @@ KINDS = {
     "blade_cut": Kind("share of one blade"),
     "unbalance": Kind("g mm", 0.0, 1e4),
     "bearing": Kind("factor on the friction", 1.0, 1e3),
+    "slipping": Kind("what is left of the thrust"),
     "esc_lost": Kind(telemetry=True),
     "esc_frozen": Kind(telemetry=True),
     "esc_swapped": Kind("the other motor", 1.0, 12.0, telemetry=True),
+    "esc_heat": Kind("deg C", 0.0, 200.0, telemetry=True),
+    "esc_flags": Kind("ESC_FAILURE_FLAGS", 0.0, 65535.0, telemetry=True),
 }
 # MAVLink's FAILURE_TYPE where one of its words fits
 FAILURE_TYPE = {
@@ -119,12 +125,13 @@ class PlantFaults:
         elif kind == "effectiveness":
             rotor.eta_t = where(due, left, rotor.eta_t)
             rotor.eta_q = where(due, left, rotor.eta_q)
+        elif kind == "slipping":
+            rotor.eta_t = where(due, left, rotor.eta_t)
         elif kind == "slow":
             rotor.slowed = where(due, left, rotor.slowed)
         elif kind == "motor_stopped":
             rotor.driven = where(due, 0.0, rotor.driven)
         elif kind == "motor_stuck":
-            rotor.driven = where(due, 0.0, rotor.driven)
             rotor.free = where(due, 0.0, rotor.free)
         elif kind == "bearing":
             rotor.friction = where(due, 1.0 + share * (size - 1.0), rotor.friction)

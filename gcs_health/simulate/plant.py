@@ -58,7 +58,7 @@ class Plant:
     Attributes
     ----------
     position, velocity : [m], [m/s] in the world.
-    attitude : quaternion (w, x, y, z), body to world.
+    attitude : quaternion (w, x, y, z), body to world; rotation : its matrix, row by row.
     rates, turning : body rates [rad/s] and their derivatives [rad/s²].
     specific_force : of the centre of mass, body axes [m/s²].
     rotors : in order of motor number.
@@ -71,6 +71,7 @@ class Plant:
         self.position = [zero, zero, zero - vehicle.leg]
         self.velocity = [zero, zero, zero]
         self.attitude = [zero + 1.0, zero, zero, zero]
+        self.rotation = rotation(self.attitude)
         self.rates = [zero, zero, zero]
         self.turning = [zero, zero, zero]
         self.specific_force = [zero, zero, zero - GRAVITY]
@@ -90,10 +91,7 @@ class Plant:
 
     def step(self, dt: float, wanted: list[Value], wind: tuple[Value, Value, Value]) -> None:
         """Advance by `dt` [s] with the rotor speeds `wanted` [rad/s] in a `wind` of the world [m/s]."""
-        qw, qx, qy, qz = self.attitude
-        r11, r12, r13 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
-        r21, r22, r23 = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
-        r31, r32, r33 = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+        r11, r12, r13, r21, r22, r23, r31, r32, r33 = self.rotation
         vx, vy, vz = self.velocity
         ax, ay, az = vx - wind[0], vy - wind[1], vz - wind[2]
         u = r11 * ax + r21 * ay + r31 * az
@@ -104,7 +102,7 @@ class Plant:
         held = 0.5 * AIR_DENSITY * self.vehicle.drag_area * speed
         fx, fy, fz = -(held + in_plane) * u, -(held + in_plane) * v, -lift - held * w
         if self.ops.any(self.position[2] > -self.vehicle.leg - self._reach):
-            gx, gy, gz, groll, gpitch = self._ground((r11, r12, r13, r21, r22, r23, r31, r32, r33))
+            gx, gy, gz, groll, gpitch = self._ground(self.rotation)
             fx, fy, fz, roll, pitch = fx + gx, fy + gy, fz + gz, roll + groll, pitch + gpitch
         share = 1.0 / self.mass
         sx, sy, sz = fx * share, fy * share, fz * share
@@ -121,35 +119,44 @@ class Plant:
         """Advance the rotors; return lift, roll, pitch and yaw moment, angular momentum and in-plane drag."""
         m = self.vehicle.motor
         low, high = self.ops.minimum, self.ops.maximum
-        kq, hold = m.torque_constant, m.inertia * m.bandwidth
+        # constants of the loop below, which runs for every rotor in every step
+        kq, torque, wear, limit, brake = (
+            m.torque_constant,
+            m.torque,
+            m.friction,
+            m.current_limit,
+            -m.brake_limit,
+        )
+        square, hold = torque / kq, m.inertia * m.bandwidth / kq
+        slope, admittance, back = wear / kq + hold, 1.0 / m.resistance, kq / m.resistance
+        most, half, rate = self.bus * admittance, 0.5 * dt, 1.0 / dt
         thrust = m.thrust * self.thrust_scale
-        lift = roll = pitch = yaw = turn = in_plane = drawn = 0.0
+        lift = roll = pitch = yaw = turn = total = drawn = 0.0
         for rotor, goal, (x, y, _), spin, climb in zip(
             self.rotors, wanted, self._arms, self._spins, self._inflow, strict=True
         ):
-            w = rotor.w
+            w, inertia, drag = rotor.w, rotor.inertia, torque * rotor.eta_q
             goal = goal * rotor.slowed
-            asked = (m.torque * goal * goal + m.friction * goal + hold * (goal - w)) / kq
-            current = low(asked, low((self.bus - kq * w) / m.resistance, m.current_limit))
-            current = high(current, -m.brake_limit) * rotor.driven
-            friction = m.friction * rotor.friction * w
-            rise = (kq * current - m.torque * rotor.eta_q * w * w - friction) / rotor.inertia * rotor.free
+            # speed loop with the torque that holds the goal, less what volts and ESC can give
+            current = low(low((square * goal + slope) * goal - hold * w, most - back * w), limit)
+            current = high(current, brake) * rotor.driven
+            push = kq * current
+            rise = (push - (drag * w + wear * rotor.friction) * w) / inertia * rotor.free
             now = high(w + dt * rise, 0.0) * rotor.free
-            rotor.acceleration = (now - w) / dt
-            rotor.phase = rotor.phase + 0.5 * dt * (w + now)
+            rotor.acceleration = acceleration = (now - w) * rate
+            rotor.phase = rotor.phase + half * (w + now)
             rotor.w, rotor.current = now, current
-            force = thrust * rotor.eta_t * now * (now + climb * axial)
-            rotor.lift = force = high(force, 0.0)
+            rotor.lift = force = high(thrust * rotor.eta_t * now * (now + climb * axial), 0.0)
             lift = lift + force
             roll = roll - y * force
             pitch = pitch + x * force
-            yaw = yaw + spin * (rotor.inertia * rotor.acceleration + m.torque * rotor.eta_q * now * now)
-            turn = turn + spin * rotor.inertia * now
-            in_plane = in_plane + m.drag * now
+            yaw = yaw + spin * (inertia * acceleration + drag * now * now)
+            turn = turn + spin * inertia * now
+            total = total + now
             drawn = drawn + current * (m.resistance * current + kq * now)
         self._discharge(dt, drawn / self.bus)
         # turning counter-clockwise seen from above is about -z: the body's reaction about +z
-        return lift, roll, pitch, yaw, -turn, in_plane
+        return lift, roll, pitch, yaw, -turn, m.drag * total
 
     def _discharge(self, dt: float, current: Value) -> None:
         b = self.vehicle.battery
@@ -200,3 +207,18 @@ class Plant:
         nz = qz + half * (qw * r + qx * q - qy * p)
         scale = 1.0 / self.ops.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
         self.attitude = [nw * scale, nx * scale, ny * scale, nz * scale]
+        self.rotation = rotation(self.attitude)
+
+
+def rotation(attitude: list[Value]) -> tuple[Value, ...]:
+    """Return the matrix of a unit quaternion (w, x, y, z), body to world, row by row (9 values)."""
+    w, x, y, z = attitude
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz = x * x2, y * y2, z * z2
+    xy, xz, yz = x * y2, x * z2, y * z2
+    wx, wy, wz = w * x2, w * y2, w * z2
+    return (
+        *(1.0 - (yy + zz), xy - wz, xz + wy),
+        *(xy + wz, 1.0 - (xx + zz), yz - wx),
+        *(xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )

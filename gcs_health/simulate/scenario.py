@@ -23,6 +23,7 @@ from gcs_health.simulate.wind import GRADES
 
 SCHEMA = "gcs_health.scenario/1"
 FASTEST_PHYSICS = 20_000.0  # Hz; finer steps cost time and show nothing new
+LONGEST = 86_400.0  # s of flight
 SHARES = ("loss", "burst_loss", "reorder", "duplicate")
 ABOVE_0 = (
     *("imu_integration_rate", "imu_filter", "accelerometer_range", "gyro_range"),
@@ -45,7 +46,8 @@ class Link:
     """What the way to the ground does to frames.
 
     delay, jitter [s]; loss, burst_loss (share of frames lost in bursts of `burst` frames); reorder and
-    duplicate (share of frames); second_system : another vehicle speaks on the same port.
+    duplicate (share of frames); second_system : another healthy vehicle, system 7, flies and speaks on the
+    same port.
     """
 
     delay: float = 0.004
@@ -70,9 +72,14 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """How it speaks: autopilot, rates by message name [Hz] over its defaults."""
+    """How it speaks: autopilot, rates by message name [Hz] over its defaults.
+
+    requested : a ground station has asked ArduPilot for its usual streams; else it sends its HEARTBEAT
+    alone until one does.
+    """
 
     autopilot: str = "px4"
+    requested: bool = True
     rates: dict[str, float] = field(default_factory=dict)
 
 
@@ -190,6 +197,8 @@ def _trajectory(row: Table) -> Trajectory:
         duration=row.positive("duration", d.duration),
     )
     row.done()
+    if plan.duration > LONGEST:
+        row.fail("duration", f"expected up to {LONGEST:g} s, a day, got {plan.duration:g}")
     if plan.landing_from <= plan.flying_from:
         row.fail("duration", f"{plan.duration:g} s are too short to climb to {plan.height:g} m and land")
     return plan
@@ -258,5 +267,8 @@ def _telemetry(row: Table) -> Telemetry:
     for name in known:
         rates.value(name, None)
     rates.done()
+    requested = row.flag("requested", True)
+    if not requested and autopilot != "ardupilot":
+        row.fail("requested", f"{autopilot} sends its streams unasked; only ardupilot waits")
     row.done()
-    return Telemetry(autopilot, found)
+    return Telemetry(autopilot, requested, found)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_health.simulate.arithmetic import Arithmetic, Value
 from gcs_health.simulate.plant import Plant
@@ -59,11 +60,17 @@ class SensorConfig:
 
 
 class Noise:
-    """Normal numbers in blocks, a float each or a column of flights; `sigma` of each number of a row."""
+    """Normal numbers in blocks, a float each or a column of flights; `sigma` of each number of a row.
 
-    def __init__(self, rngs: list[np.random.Generator], sigma: list[float]) -> None:
+    `bias` (numbers, flights) is added to every row.
+    """
+
+    def __init__(
+        self, rngs: list[np.random.Generator], sigma: list[float], bias: NDArray[np.float64] | None = None
+    ) -> None:
         self._rngs = rngs
         self._sigma = np.array(sigma)
+        self._bias = np.zeros((len(sigma), len(rngs))) if bias is None else bias
         self._rows: list[list[Value]] = []
         self._at = 0
 
@@ -72,6 +79,7 @@ class Noise:
         if self._at == len(self._rows):
             size = (BLOCK, len(self._sigma))
             drawn = np.stack([rng.standard_normal(size) * self._sigma for rng in self._rngs], axis=2)
+            drawn += self._bias
             self._rows = [list(row) for row in drawn] if len(self._rngs) > 1 else drawn[:, :, 0].tolist()
             self._at = 0
         self._at += 1
@@ -97,14 +105,14 @@ class Imu:
         ardupilot: bool,
     ) -> None:
         self._ops = ops
-        self._noise = Noise(rngs, [config.accelerometer_noise] * 3 + [config.gyro_noise] * 3)
-        bias = np.stack([rng.standard_normal(6) for rng in rngs], axis=1)
         spread = np.array([config.accelerometer_bias] * 3 + [config.gyro_bias] * 3)
-        self._bias = [value * sigma for value, sigma in zip(_values(bias), spread.tolist(), strict=True)]
-        self._range = [config.accelerometer_range] * 3 + [config.gyro_range] * 3
+        bias = np.stack([rng.standard_normal(6) * spread for rng in rngs], axis=1)
+        self._noise = Noise(rngs, [config.accelerometer_noise] * 3 + [config.gyro_noise] * 3, bias)
+        self._ranges = config.accelerometer_range, config.gyro_range
         self._block = max(1, round(1.0 / (config.imu_integration_rate * step)))
         self._step = step
         self._poles = _two_poles(config.imu_filter, step) if ardupilot else None
+        self._bias = _values(bias)
         self._history: list[tuple[Value, Value]] = [(b * 0.0, b * 0.0) for b in self._bias]
         self._sums: list[Value] = [0.0] * 6
         self._count = 0
@@ -118,43 +126,51 @@ class Imu:
         if self._poles is not None:
             self.latest = ImuSample(t, self._low_pass(raw))
             return True
-        sums = self._sums
-        for k in range(6):
-            sums[k] = sums[k] + raw[k]
+        self._sums = [total + value for total, value in zip(self._sums, raw, strict=True)]
         self._count += 1
         if self._count < self._block:
             return False
         share = 1.0 / self._count
         # the mean belongs to the middle of its interval; autopilots stamp its end
-        self.latest = ImuSample(t, [share * value for value in sums])
+        self.latest = ImuSample(t, [share * value for value in self._sums])
         self._sums, self._count = [0.0] * 6, 0
         return True
 
     def _raw(self, plant: Plant) -> list[Value]:
-        ops = self._ops
+        p, q, r = plant.rates
+        ax, ay, az = plant.specific_force
+        if any(plant.vehicle.lever):
+            lx, ly, lz = self._levered(plant)
+            ax, ay, az = ax + lx, ay + ly, az + lz
+        cos, sin, clip = self._ops.cos, self._ops.sin, self._ops.clip
+        share = 1.0 / plant.mass
+        beat = plant.vehicle.motor.blade_pass * share
+        for rotor, seat in zip(plant.rotors, plant.vehicle.rotors, strict=True):
+            phase, w = rotor.phase, rotor.w
+            c = cos(phase)
+            shake = rotor.imbalance * share * w * w
+            ax = ax + shake * c
+            # counter-clockwise from above is about -z: from x towards -y
+            ay = ay - seat.spin * shake * sin(phase)
+            az = az - beat * rotor.lift * (2.0 * c * c - 1.0)
+        bx, by, bz, bp, bq, br = self._noise()
+        most, fastest = self._ranges
+        return [
+            *(clip(ax + bx, most), clip(ay + by, most), clip(az + bz, most)),
+            *(clip(p + bp, fastest), clip(q + bq, fastest), clip(r + br, fastest)),
+        ]
+
+    @staticmethod
+    def _levered(plant: Plant) -> tuple[Value, Value, Value]:
+        """Return W' x r + W x (W x r) at the IMU's place."""
         p, q, r = plant.rates
         dp, dq, dr = plant.turning
         x, y, z = plant.vehicle.lever
-        fx, fy, fz = plant.specific_force
-        ax = fx + dq * z - dr * y + q * (p * y - q * x) - r * (r * x - p * z)
-        ay = fy + dr * x - dp * z + r * (q * z - r * y) - p * (p * y - q * x)
-        az = fz + dp * y - dq * x + p * (r * x - p * z) - q * (q * z - r * y)
-        share = 1.0 / plant.mass
-        beat = plant.vehicle.motor.blade_pass
-        for rotor, seat in zip(plant.rotors, plant.vehicle.rotors, strict=True):
-            c, s = ops.cos(rotor.phase), ops.sin(rotor.phase)
-            shake = rotor.imbalance * share * rotor.w * rotor.w
-            ax = ax + shake * c
-            # counter-clockwise from above is about -z: from x towards -y
-            ay = ay - seat.spin * shake * s
-            az = az - beat * share * rotor.lift * (2.0 * c * c - 1.0)
-        low, high = ops.minimum, ops.maximum
-        return [
-            low(high(value + bias + chance, -most), most)
-            for value, bias, chance, most in zip(
-                (ax, ay, az, p, q, r), self._bias, self._noise(), self._range, strict=True
-            )
-        ]
+        return (
+            dq * z - dr * y + q * (p * y - q * x) - r * (r * x - p * z),
+            dr * x - dp * z + r * (q * z - r * y) - p * (p * y - q * x),
+            dp * y - dq * x + p * (r * x - p * z) - q * (q * z - r * y),
+        )
 
     def _low_pass(self, raw: list[Value]) -> list[Value]:
         assert self._poles is not None

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from gcs_health.mavlink.dialect import Dialect
 from gcs_health.mavlink.encoder import Encoder, clipped
 from gcs_health.simulate.esc_view import EscView
-from gcs_health.simulate.stream_rates import RATES
+from gcs_health.simulate.stream_rates import RATES, UNASKED
 from gcs_health.simulate.world import World
 
 BOOTED = 5.0  # s since boot at flight time 0
@@ -40,9 +40,14 @@ class Telemetry:
         self.ardupilot = told.autopilot == "ardupilot"
         self.generation = {"px4_g1": 1, "px4_g2": 2}.get(told.autopilot, 3)
         rates = RATES["ardupilot" if self.ardupilot else "px4"] | told.rates
+        self.requested = told.requested or not self.ardupilot
+        if not self.requested:
+            rates = {
+                name: rate if name in UNASKED or name in told.rates else 0.0 for name, rate in rates.items()
+            }
         self._usual = {name: 1.0 / rate if rate > 0.0 else math.inf for name, rate in rates.items()}
         self.interval = dict(self._usual)
-        self._next = {name: 0.1 + 1e-3 * k for k, name in enumerate(rates)}
+        self._next = {name: 0.1 + 1e-3 * k if rates[name] > 0.0 else math.inf for k, name in enumerate(rates)}
         # the newest PX4 keeps an ESC's values for 0.1 s of silence; older drivers zero them at once
         self.escs = EscView(world, 0.1 if self.generation == 3 and not self.ardupilot else 0.0)
         self._build: dict[str, Callable[[float], list[bytes]]] = {
@@ -59,6 +64,9 @@ class Telemetry:
             "ACTUATOR_OUTPUT_STATUS": self._actuator_output_status,
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "BATTERY_STATUS": self._battery_status,
+            "ATTITUDE_TARGET": self._attitude_target,
+            "VIBRATION": self._vibration,
+            "TIMESYNC": self._timesync,
         }
 
     def due(self) -> list[bytes]:
@@ -224,6 +232,7 @@ class Telemetry:
                     "ESC_INFO",
                     time_usec=self.boot_us(t),
                     counter=int(t * 100.0) & 0xFFFF,
+                    failure_flags=[slot.flags for slot in slots],
                     temperature=heat,
                     index=first,
                     count=self.escs.slots,
@@ -293,6 +302,43 @@ class Telemetry:
             )
         ]
 
+    def _attitude_target(self, t: float) -> list[bytes]:
+        pilot = self.world.controller
+        p, q, r = pilot.turn
+        thrust = sum(value * value for value in self._outputs()) / len(pilot.wanted)
+        return [
+            self.encoder.frame(
+                "ATTITUDE_TARGET",
+                time_boot_ms=self.boot_us(t) // 1000,
+                q=_facing_north(*pilot.thrust_axis),
+                body_roll_rate=p,
+                body_pitch_rate=q,
+                body_yaw_rate=r,
+                thrust=thrust,
+            )
+        ]
+
+    def _vibration(self, t: float) -> list[bytes]:
+        """What the rotors shake and the sensor's own noise: no peak, a level."""
+        sensors, plant = self.world.scenario.sensors, self.world.plant
+        noise = sensors.accelerometer_noise**2
+        flat = sum((rotor.imbalance * rotor.w**2 / plant.mass) ** 2 for rotor in plant.rotors)
+        beat = self.world.scenario.vehicle.motor.blade_pass
+        high = sum((beat * rotor.lift / plant.mass) ** 2 for rotor in plant.rotors)
+        across, along = math.sqrt(0.5 * flat + noise), math.sqrt(0.5 * high + noise)
+        return [
+            self.encoder.frame(
+                "VIBRATION",
+                time_usec=self.boot_us(t),
+                vibration_x=across,
+                vibration_y=across,
+                vibration_z=along,
+            )
+        ]
+
+    def _timesync(self, t: float) -> list[bytes]:
+        return [self.encoder.frame("TIMESYNC", ts1=self.boot_us(t) * 1000)]
+
     # -- parameters ---------------------------------------------------------------------------------
 
     def parameters(self) -> list[Parameter]:
@@ -334,3 +380,9 @@ class Telemetry:
             param_id=name,
             param_type=6 if integer else 9,
         )
+
+
+def _facing_north(x: float, y: float, z: float) -> list[float]:
+    """Return the attitude (w, x, y, z) whose body z is (x, y, z) in the world, turned least from level."""
+    w = math.sqrt(0.5 * (1.0 + z)) if z > -1.0 else 0.0
+    return [w, -y / (2.0 * w), x / (2.0 * w), 0.0] if w else [0.0, 1.0, 0.0, 0.0]

@@ -9,7 +9,7 @@ from gcs_health.simulate.arithmetic import Value
 
 KINDS = ("hover", "random", "circle", "aggressive", "forward")
 ARM, CLIMB, CLIMB_RATE, SINK_RATE = 0.5, 2.0, 1.5, 0.8  # s, s, m/s, m/s
-FORWARD_GAIN = 3.0  # m/s²
+PATH_ACCELERATION = 3.0  # m/s², gathering and losing speed along circle and straight
 
 
 @dataclass(slots=True)
@@ -86,18 +86,31 @@ class Pilot:
         over = sunk > p.height + 1.0
         return Goal(x, y, down, vz=SINK_RATE, idle=over, off=sunk > p.height + 1.6)
 
+    def _travelled(self, since: float) -> tuple[float, float]:
+        """Return path [m] and speed [m/s]: it stands at both ends, as pilots and autopilots fly.
+
+        A goal that jumps to its speed, or stops dead, asks a jerk that no autopilot's trajectory asks.
+        """
+        p = self.plan
+        whole = p.landing_from - p.flying_from
+        ramp = min(p.speed / PATH_ACCELERATION, 0.5 * whole)
+        gathering = min(since, ramp)
+        braking = max(since - (whole - ramp), 0.0)
+        cruising = max(since - ramp - braking, 0.0)
+        top = PATH_ACCELERATION * ramp
+        path = 0.5 * PATH_ACCELERATION * (gathering**2 - braking**2) + top * (cruising + braking)
+        return path, PATH_ACCELERATION * (gathering - braking)
+
     def _along(self, t: float) -> tuple[Value, Value, Value, Value, Value]:
         p = self.plan
         since = t - p.flying_from
         if p.kind == "circle":
-            angle = p.speed / p.radius * since
-            s, c = math.sin(angle), math.cos(angle)
-            return p.radius * s, p.radius * (1.0 - c), 0.0, p.speed * c, p.speed * s
+            path, speed = self._travelled(since)
+            s, c = math.sin(path / p.radius), math.cos(path / p.radius)
+            return p.radius * s, p.radius * (1.0 - c), 0.0, speed * c, speed * s
         if p.kind == "forward":
-            # gathers speed first: a goal that runs ahead at once would be chased at up to twice its speed
-            gathering = min(since, p.speed / FORWARD_GAIN)
-            speed = FORWARD_GAIN * gathering
-            return speed * (since - 0.5 * gathering), 0.0, 0.0, speed, 0.0
+            path, speed = self._travelled(since)
+            return path, 0.0, 0.0, speed, 0.0
         if p.kind == "hover":
             return 0.0, 0.0, 0.0, 0.0, 0.0
         x, y, z = self._points[int(since / p.every)]

@@ -51,7 +51,6 @@ class Dryden:
         self._lateral = _second_order(length_u / v, sigma_u, step)
         self._vertical = _second_order(length_w / v, sigma_w, step)
         self._state: Array = np.zeros((5, len(rng)))
-        self._block: Array = np.zeros((0, 5, len(rng)))
         self._at = 0
         for row, (_, _, spread) in ((1, self._lateral), (3, self._vertical)):
             self._state[row : row + 2] = spread @ np.stack([one.standard_normal(2) for one in rng], axis=1)
@@ -73,18 +72,31 @@ class Dryden:
     def _next_block(self, count: int) -> list[tuple[Value, Value, Value]]:
         """Noise in blocks: drawing numbers one by one costs more than the filters."""
         noise = np.stack([one.standard_normal((count, 5)) for one in self._rng], axis=2)
-        out: Array = np.empty((count, 3, noise.shape[2]))
-        state = self._state
         fresh = self._sigma_u * math.sqrt(1.0 - self._u**2)
-        for k in range(count):
-            state[0] = self._u * state[0] + fresh * noise[k, 0]
-            out[k, 0] = state[0]
-            for axis, row, (A, B, _) in ((1, 1, self._lateral), (2, 3, self._vertical)):
-                state[row : row + 2] = A @ state[row : row + 2] + B @ noise[k, row : row + 2]
-                out[k, axis] = state[row]
-        if self._columns:
-            return [(u, v, w) for u, v, w in out]
-        return [(u, v, w) for u, v, w in out[:, :, 0].tolist()]
+        u, *others = self._values(self._state)
+        A, B, _ = (part.tolist() for part in self._lateral)
+        C, D, _ = (part.tolist() for part in self._vertical)
+        out = []
+        for chance in noise if self._columns else noise[:, :, 0].tolist():
+            u = self._u * u + fresh * chance[0]
+            v, w = _turned(A, B, *others[:2], *chance[1:3]), _turned(C, D, *others[2:], *chance[3:5])
+            others = [*v, *w]
+            out.append((u, v[0], w[0]))
+        self._state = np.array([u, *others]).reshape(self._state.shape)
+        return out
+
+    def _values(self, rows: Array) -> list[Value]:
+        return list(rows) if self._columns else rows[:, 0].tolist()
+
+
+def _turned(
+    A: list[list[float]], B: list[list[float]], y: Value, x: Value, chance: Value, other: Value
+) -> tuple[Value, Value]:
+    """Return the next state of a filter of second order: A (y, x) + B (chance, other), B lower triangular."""
+    return (
+        A[0][0] * y + A[0][1] * x + B[0][0] * chance,
+        A[1][0] * y + A[1][1] * x + B[1][0] * chance + B[1][1] * other,
+    )
 
 
 def _second_order(time: float, sigma: float, step: float) -> tuple[Array, Array, Array]:

@@ -237,7 +237,7 @@ def test_the_commands(
     assert main(["graft", str(path), "--fault", "rotor=3 effectiveness=0.4 at=18", "-o", str(path)]) == 2
     assert main(["graft", str(tmp_path / "no.tlog"), "--fault", "rotor=3 drag=2 at=1", "-o", str(out)]) == 2
     capsys.readouterr()
-    assert main(["detectability", str(path), "--trials", "2"]) == 0
+    assert main(["detectability", str(path), "--trials", "2", "--only", "effectiveness"]) == 0
     table = capsys.readouterr().out
     row = next(line for line in table.splitlines() if line.startswith("0.4"))
     assert "8/8" in row

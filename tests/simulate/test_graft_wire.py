@@ -15,7 +15,7 @@ from gcs_health.mavlink.encoder import pack, pack_v2
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.events import AlertEvent
 from gcs_health.samples import EscInfo, EscStatus, Outputs
-from gcs_health.simulate.detect import Course, median_interval, moments
+from gcs_health.simulate.detect import DRAGS, SHAKES, SLOW_WINDOW, Course, faults, median_interval, moments
 from gcs_health.simulate.flight import Flight, record
 from gcs_health.simulate.graft import Graft
 from gcs_health.simulate.graft_commands import learned
@@ -189,6 +189,23 @@ def test_moments_need_an_open_gate_behind_them() -> None:
     assert len(moments(opened[:5])) == 0
 
 
+def test_the_ladder_shakes_and_drags_too(healthy: tuple[Frames, Flown, Path]) -> None:
+    frames, flown, path = healthy
+    rungs = {(rung.effect, rung.size): rung for rung in faults(flown) if rung.effect in ("unbalance", "drag")}
+    assert {size for effect, size in rungs if effect == "drag"} == set(DRAGS)
+    assert {size for effect, size in rungs if effect == "unbalance"} == set(SHAKES)
+    # sized by acceleration: a flight without a known mass shakes as much as one with any
+    weighed = replace(flown, airframe=replace(flown.airframe, mass=2.0))
+    usual = float(np.median(np.interp(flown.opened, flown.rotor_t, flown.speed.mean(axis=1))))
+    fault = next(r for r in faults(weighed) if r.effect == "unbalance" and r.size == 2.0).faults[0]
+    assert fault.size * usual**2 / 2.0 == pytest.approx(2.0)
+    course = Course(str(path), frames, None)
+    course.choose(1, np.random.default_rng(3))
+    assert all(at + 0.9 * SLOW_WINDOW < flown.opened[-1] for at in course.slow_starts)
+    assert course.starts_for("drag") is course.slow_starts
+    assert course.starts_for("effectiveness") is course.starts
+
+
 def test_the_medians_interval() -> None:
     assert math.isnan(median_interval([1.0] * 5)[0])
     assert median_interval([float(k) for k in range(10)]) == (1.0, 8.0)  # 97.9 %, the tables' ranks 2 and 9
@@ -198,7 +215,8 @@ def test_the_table_as_json_lines(
     healthy: tuple[Frames, Flown, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "d.jsonl"
-    assert main(["detectability", str(healthy[2]), "--trials", "1", "--jsonl", str(out)]) == 0
+    only = ["--trials", "1", "--only", "effectiveness", "--only", "telemetry"]
+    assert main(["detectability", str(healthy[2]), *only, "--jsonl", str(out)]) == 0
     head, *rows = [json.loads(line) for line in out.read_text().splitlines()]
     assert head["schema"] == "gcs_health.detectability/1"
     assert head["starts"] == 1
@@ -213,7 +231,7 @@ def test_the_table_as_json_lines(
         "telemetry swapped",
     }
     assert "0.4 left" in capsys.readouterr().out
-    assert main(["detectability", str(healthy[2]), "--trials", "1", "--jsonl", "-"]) == 0
+    assert main(["detectability", str(healthy[2]), *only, "--jsonl", "-"]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out.splitlines()[0]) == head
     assert "0.4 left" in said.err

@@ -145,7 +145,8 @@ def test_a_lost_propeller_is_found_and_the_truth_says_so() -> None:
     scenario = load_scenario("lost_propeller")
     log = log_of(scenario)
     told = json.loads(simulated(scenario, "x.tlog", int.from_bytes(log[:8], "big")))["truth"]
-    (alert,) = alerts_of(log)
+    alert, clear = alerts_of(log)
+    assert (clear.id, clear.state, clear.code) == (alert.id, "escalated", "PROPELLER_LOST")
     assert (alert.code, alert.motor) == ("ROTOR_FAILED", told["rotor"])
     assert 0.0 < alert.t - told["vehicle_time_s"] < 0.1
     # the truth's UNIX time is that of the log's stamps: the alert's datum is the same moment

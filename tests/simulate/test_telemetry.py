@@ -11,7 +11,7 @@ from gcs_health.mavlink.encoder import Encoder
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.pipeline import Monitor, MonitorConfig
-from gcs_health.samples import EscStatus, EscTelemetry, Imu, Parameter, Sample
+from gcs_health.samples import Attitude, AttitudeTarget, EscStatus, EscTelemetry, Imu, Parameter, Sample
 from gcs_health.simulate.flight import Flight, record
 from gcs_health.simulate.link import Air
 from gcs_health.simulate.scenario import Link, load_scenario
@@ -197,7 +197,7 @@ def test_an_unused_output_is_said_to_be_so_by_px4() -> None:
         one = flight("healthy_quad", f"telemetry.autopilot={autopilot}", "telemetry.rates={}")
         while one.world.t < 6.0:
             one.step()
-        (frame,) = one._telemetry.one("SERVO_OUTPUT_RAW")
+        (frame,) = one._vehicle.telemetry.one("SERVO_OUTPUT_RAW")
         values = DIALECT.messages[36].layout.unpack(frame[10:-2].ljust(DIALECT.messages[36].size, b"\0"))
         at = [DIALECT.messages[36].positions[f"servo{k}_raw"][0] for k in range(1, 9)]
         assert [values[k] for k in at[4:]] == [unused] * 4
@@ -205,8 +205,71 @@ def test_an_unused_output_is_said_to_be_so_by_px4() -> None:
 
 
 def test_a_second_vehicle_on_the_port_is_another_vehicle() -> None:
-    systems = {s.system for s in samples_of(frames_of(flight("healthy_quad", "link.second_system=true")))}
-    assert systems == {1, 7}
+    alone = samples_of(frames_of(flight("healthy_quad", "fault=[]")))
+    both = samples_of(frames_of(flight("healthy_quad", "fault=[]", "link.second_system=true")))
+    assert {s.system for s in both} == {1, 7}
+    # the one flies and says what it would alone, the other as much of its own
+    assert [s.speed for s in both if isinstance(s, EscStatus) and s.system == 1] == [
+        s.speed for s in alone if isinstance(s, EscStatus)
+    ]
+    other = [s for s in both if s.system == 7]
+    assert {type(s) for s in other} == {type(s) for s in alone}
+    assert len(other) == pytest.approx(len(alone), rel=0.02)
+    speeds = np.array([s.speed for s in other if isinstance(s, EscStatus)])
+    assert speeds[-1].min() > 100.0
+    assert speeds.tolist() != [list(s.speed) for s in alone if isinstance(s, EscStatus)]
+
+
+def test_ardupilot_waits_to_be_asked_for_its_streams() -> None:
+    one = flight(
+        "ardupilot_quad", "telemetry.rates={}", "telemetry.requested=false", "trajectory.duration=60"
+    )
+    station = Encoder(DIALECT, 255, 190)
+
+    def said(seconds: float) -> list[Sample]:
+        until = one.world.t + seconds
+        while one.world.t < until:
+            one.step()
+        return samples_of(one.arrived())
+
+    assert {s.message for s in said(2.0)} == {0}
+
+    def ask(stream: int, rate: int, start: int = 1) -> list[Sample]:
+        one.receive(
+            station.frame(
+                "REQUEST_DATA_STREAM",
+                target_system=1,
+                req_stream_id=stream,
+                req_message_rate=rate,
+                start_stop=start,
+            )
+        )
+        return said(2.0)
+
+    raw = ask(1, 25)
+    assert {s.message for s in raw} == {0, 27}
+    assert sum(isinstance(s, Imu) for s in raw) == pytest.approx(50, abs=2)
+    assert {s.message for s in ask(10, 4)} == {0, 27, 30, 11030}
+    assert {s.message for s in ask(0, 2)} >= {0, 1, 2, 27, 30, 36, 147, 241, 11030}
+    assert {s.message for s in ask(0, 0, 0)} <= {0, 27}  # the last ones were on their way
+
+
+def test_px4_tells_what_its_onboard_stream_tells() -> None:
+    samples = samples_of(frames_of(flight("healthy_quad", "telemetry.rates={}", "fault=[]")))
+    span = 8.0
+    for message, rate in ((105, 50.0), (83, 10.0), (241, 0.5), (111, 10.0), (291, 10.0), (245, 5.0)):
+        count = sum(s.message == message for s in samples)
+        assert count == pytest.approx(rate * span, rel=0.05, abs=1.0), message
+    targets = [s for s in samples if isinstance(s, AttitudeTarget)]
+    attitudes = [s for s in samples if isinstance(s, Attitude)]
+    assert 0.2 < targets[-1].thrust < 0.9
+    w, x, y, z = targets[-1].quaternion
+    assert w * w + x * x + y * y + z * z == pytest.approx(1.0, abs=1e-5)
+    pitch = np.array([math.asin(2 * (s.quaternion[0] * s.quaternion[2])) for s in targets])
+    flown = np.interp(
+        [s.time_us for s in targets], [s.time_us for s in attitudes], [s.pitch for s in attitudes]
+    )
+    assert np.abs(pitch - flown)[-20:].max() < 0.2  # it follows what it is told
 
 
 def test_frames_of_the_encoder_are_those_of_pymavlink() -> None:

@@ -4,19 +4,23 @@ import math
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from synthetic_flight import HOVER, Scenario, airframe, fly
 
-from gcs_health.airframe import Airframe
+from gcs_health.airframe import Airframe, Motor
 from gcs_health.calibration.columns import columns
 from gcs_health.calibration.control_gains import control_gains
 from gcs_health.calibration.findings import Finding, missing, pool
 from gcs_health.calibration.hover import hover
 from gcs_health.calibration.vehicle_text import vehicle_text
 from gcs_health.errors import AirframeError
+from gcs_health.estimators.healthy_baseline import healthy_baseline
+from gcs_health.estimators.unbalance import UnbalanceEstimator
 from gcs_health.samples import CommandReading, Reading, RotorReading
+from gcs_health.simulate.batch import fly_many
 from gcs_health.simulate.scenario import load_scenario
 from gcs_health.vehicle_file import load_vehicle
 
@@ -172,3 +176,30 @@ def test_two_flights_of_one_real_craft_teach_the_same(
     first, second = learned
     for key in ("thrust", "roll"):
         assert getattr(second, key) == pytest.approx(getattr(first, key), rel=0.1), key
+
+
+def test_the_motors_constants_come_out_of_a_flight_with_currents() -> None:
+    scenario = load_scenario("healthy_quad", ["trajectory.kind=random", "trajectory.duration=40"])
+    flown = fly_many(scenario, [5], 250.0, 50.0)
+    truth = scenario.vehicle.motor
+    bare = replace(scenario.vehicle.airframe(), motor=Motor(torque_constant=truth.torque_constant))
+    got = {f.key: f for f in healthy_baseline(flown.readings(0), bare) if f.table == "motor"}
+    assert got["current_side"].word == "motor"
+    assert got["torque"].values[0] == pytest.approx(truth.torque, rel=0.1)
+    unknown = {f.key: f for f in healthy_baseline(flown.readings(0), replace(bare, motor=Motor()))}
+    assert not unknown["torque"].found
+    assert "torque_constant" in unknown["torque"].why
+
+
+def test_a_calibrated_unbalance_is_read_back(tmp_path: Path) -> None:
+    craft = airframe(4)
+    finding = Finding("baseline", "unbalance", (1e-6, 2e-6, 3e-6, 4e-6), (1e-7,) * 4, "order tracking")
+    side = Finding("motor", "current_side", (), (), "why", "battery")
+    path = tmp_path / "mine.toml"
+    path.write_text(vehicle_text(craft, [finding, side], "here"))
+    again = load_vehicle(str(path))
+    assert again.baseline.unbalance == finding.values
+    assert again.motor.current_side == "battery"
+    baseline = UnbalanceEstimator(again).config.baseline
+    assert baseline is not None
+    assert baseline.unbalance == finding.values

@@ -86,8 +86,8 @@ def test_recording_saves_a_packet_by_itself_of_the_second_flight_too(tmp_path: P
         manifest = json.loads(inside.read("packet.json"))
     assert manifest["flights"] == [path.name for path in recorder.flights]
     assert manifest["left_out"] == []
-    (alert,) = alerts(events)
-    (again,) = replayed(packet)
+    alert, *_ = alerts(events)
+    again, *_ = replayed(packet)
     assert (again["t"], again["motor"], again["probability"]) == (alert.t, alert.motor, alert.probability)
 
 

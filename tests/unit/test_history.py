@@ -195,7 +195,7 @@ def test_a_session_of_two_flights_is_two_flights() -> None:
     assert (one.started_us, two.started_us) == (1700000006104000, 1700000026104000)
     assert [row.status for row in one.results if row.quantity == "effectiveness"].count("unobservable") == 0
     assert not one.alerts
-    assert [(a.code, a.motor) for a in two.alerts] == [("ROTOR_FAILED", 3)]
+    assert [(a.code, a.motor) for a in two.alerts] == [("PROPELLER_LOST", 3)]
     # time on the ground between them belongs to neither
     assert one.duration < 9.0
 

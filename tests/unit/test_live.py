@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,15 @@ def listen(port: int, *options: str) -> subprocess.Popen[str]:
     raise AssertionError("the listener did not open its port")
 
 
+def wait_until(holds: Callable[[], bool], limit: float = 30.0) -> None:
+    """Give a busy machine its time."""
+    for _ in range(round(limit / 0.05)):
+        if holds():
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"not within {limit:.0f} s")
+
+
 def taken(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -133,7 +143,7 @@ def test_live_alerts_records_and_its_recording_replays_to_the_same(tmp_path: Pat
     lines, recording = tmp_path / "live.jsonl", tmp_path / "flight.tlog"
     process = listen(port, "--record", str(recording), "--jsonl", str(lines))
     send(port, FLIGHT.read_bytes(), speed=8.0)
-    time.sleep(0.5)
+    wait_until(lambda: '"type":"alert"' in lines.read_text())
     process.send_signal(signal.SIGINT)
     shown, complaints = process.communicate(timeout=20)
     assert process.returncode == 130, complaints
@@ -143,7 +153,7 @@ def test_live_alerts_records_and_its_recording_replays_to_the_same(tmp_path: Pat
     assert main(["replay", str(recording), "--jsonl", str(again)]) == 0
     alerts = [[x for x in p.read_text().splitlines() if '"type":"alert"' in x] for p in (lines, again)]
     assert alerts[0] == alerts[1]
-    assert len(alerts[0]) == 1
+    assert sum('"state":"raised"' in line for line in alerts[0]) == 1
 
 
 def test_live_sends_nothing_unless_asked(tmp_path: Path) -> None:

@@ -283,7 +283,10 @@ def test_a_recorded_flight_gives_the_same_alerts_through_mavsdk_as_directly() ->
     assert kept == sum(frame[7] not in NOT_OF_THE_FLIGHT for _, frame in frames)  # nothing lost on the way
     assert (links.unknown, links.unusable) == ({}, {})
     got, wanted = alerts(events), alerts(expected)
-    assert [(a.code, a.rotor, a.motor, a.state) for a in wanted] == [("ROTOR_FAILED", 2, 3, "raised")]
+    assert [(a.code, a.rotor, a.motor, a.state) for a in wanted] == [
+        ("ROTOR_FAILED", 2, 3, "raised"),
+        ("PROPELLER_LOST", 2, 3, "escalated"),
+    ]
     assert [(a.code, a.rotor, a.motor, a.state) for a in got] == [
         (a.code, a.rotor, a.motor, a.state) for a in wanted
     ]

@@ -49,7 +49,8 @@ def heartbeat(kind: int = 2, autopilot: int = 12) -> object:
 def test_the_shipped_flight_names_the_lost_propeller_soon_and_nothing_else() -> None:
     alerts = [e for e in replay(FLIGHT) if isinstance(e, AlertEvent)]
     assert [(a.state, a.code, a.motor, a.rotor) for a in alerts] == [
-        ("raised", "ROTOR_FAILED", TRUTH["rotor"], TRUTH["rotor"] - 1)
+        ("raised", "ROTOR_FAILED", TRUTH["rotor"], TRUTH["rotor"] - 1),
+        ("escalated", "PROPELLER_LOST", TRUTH["rotor"], TRUTH["rotor"] - 1),
     ]
     assert 0.0 < alerts[0].t - TRUTH["vehicle_time_s"] < 0.15
     assert alerts[0].probability > 0.9

@@ -202,9 +202,12 @@ def test_every_flight_has_a_file_that_stands_by_itself(tmp_path: Path, folder: b
     assert {frame[7] for _, frame in head} == {0, 22}  # the last HEARTBEAT and the parameters
     assert {stamp for stamp, _ in head} == {rest[0][0]}
     said = alerts(events)
-    assert [(a.code, a.motor, a.state) for a in said] == [("ROTOR_FAILED", 3, "raised")]
+    assert [(a.code, a.motor, a.state) for a in said] == [
+        ("ROTOR_FAILED", 3, "raised"),
+        ("PROPELLER_LOST", 3, "escalated"),
+    ]
     alone = replayed(recorder.flights[1])  # its geometry is in the head of the file
-    assert [(a.code, a.motor) for a in alone] == [("ROTOR_FAILED", 3)]
+    assert [(a.code, a.motor) for a in alone] == [("ROTOR_FAILED", 3), ("PROPELLER_LOST", 3)]
     assert not replayed(recorder.flights[0])
 
 
