@@ -17,6 +17,8 @@ from gcs_health.mavlink.spellings import Endpoint
 
 RECEIVE_BUFFER = 4 << 20  # bytes in the kernel: a slow moment must not lose datagrams
 CHUNK = 1 << 16
+AT_ONCE = 256  # datagrams read in one go
+BEHIND = 2.0  # s of never reaching a link's end until that is told
 RETRY = 1.0  # s between attempts to get a lost link back
 
 
@@ -86,7 +88,7 @@ class UdpLink:
     def read(self) -> list[tuple[str, bytes]]:
         """See `Link.read`: one entry a datagram, each peer a source of its own."""
         got: list[tuple[str, bytes]] = []
-        while len(got) < 256:
+        while len(got) < AT_ONCE:
             try:
                 data, peer = self._socket.recvfrom(CHUNK)
             except BlockingIOError:
@@ -274,6 +276,11 @@ class Links:
         self._links: list[Link] = []
         self._down: set[str] = set()
         self._next_try = 0.0
+        self._behind_since: dict[str, float] = {}
+        self._behind_told: set[str] = set()
+        self._selector = selectors.DefaultSelector()  # made once: at a thousand datagrams a second it is felt
+        self._watched: list[int] = []
+        self._watched_of_all: list[int] = []
         try:
             for endpoint in endpoints:
                 self._links.append(_LINKS[endpoint.kind](endpoint))
@@ -292,7 +299,9 @@ class Links:
         while True:
             self._mend()
             for link in self._ready(tick):
-                for source, data in link.read():
+                got = link.read()
+                self._note_backlog(link, len(got) >= AT_ONCE)
+                for source, data in got:
                     yield Packet(source, data, now_us())
             yield Packet("", b"", now_us())
 
@@ -303,22 +312,45 @@ class Links:
 
     def close(self) -> None:
         """Let go of all links."""
+        self._selector.close()
         for link in self._links:
             link.close()
 
+    def _note_backlog(self, link: Link, more: bool) -> None:
+        """Tell, once a link, that more comes than is worked off: the kernel's buffer is what is left."""
+        if not more:
+            self._behind_since.pop(link.text, None)
+            return
+        now = time.monotonic()
+        since = self._behind_since.setdefault(link.text, now)
+        if now - since > BEHIND and link.text not in self._behind_told:
+            self._behind_told.add(link.text)
+            self.notices.append(
+                f"{link.text}: this computer does not keep up with what comes: what is said is late, and what "
+                "exceeds the kernel's receive buffer is lost before it can be recorded"
+            )
+
     def _ready(self, tick: float) -> list[Link]:
-        with selectors.DefaultSelector() as selector:
-            blind = []
-            for link in self._links:
-                if link.fileno() >= 0:
-                    selector.register(link.fileno(), selectors.EVENT_READ, link)
-                elif not link.lost:
-                    blind.append(link)  # cannot be waited for: looked at every 10 ms
-            if not selector.get_map():
-                time.sleep(0.01 if blind else tick)
-                return blind
-            ready = selector.select(0.01 if blind else tick)
-            return [key.data for key, _ in ready] + blind
+        blind = [link for link in self._links if link.fileno() < 0 and not link.lost]
+        self._watch()
+        if not self._watched:
+            time.sleep(0.01 if blind else tick)
+            return blind  # cannot be waited for: looked at every 10 ms
+        ready = self._selector.select(0.01 if blind else tick)
+        return [key.data for key, _ in ready] + blind
+
+    def _watch(self) -> None:
+        """Wait for the links that are up, as they are now."""
+        now = [link.fileno() for link in self._links]
+        if now == self._watched_of_all:
+            return
+        self._watched_of_all = now
+        self._selector.close()
+        self._selector = selectors.DefaultSelector()
+        self._watched = [number for number in now if number >= 0]
+        for link, number in zip(self._links, now, strict=True):
+            if number >= 0:
+                self._selector.register(number, selectors.EVENT_READ, link)
 
     def _mend(self) -> None:
         for link in self._links:
@@ -331,6 +363,7 @@ class Links:
         for link in self._links:
             if link.text in self._down and link.reopen():
                 self._down.discard(link.text)
+                self._watched_of_all = []  # it may have the number of the one that was closed
                 self.notices.append(f"{link.text}: link is back")
 
 
