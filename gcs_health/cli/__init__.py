@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from gcs_health import __version__
+from gcs_health.cli.log_commands import add_log_commands
 from gcs_health.errors import GcsHealthError
 from gcs_health.estimators import REGISTRY
 
@@ -207,6 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     _scenario_options(demo)
     _monitor_options(demo)
+    add_log_commands(commands, _config_options)
     return parser
 
 
@@ -219,7 +221,8 @@ def _scenario_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _monitor_options(parser: argparse.ArgumentParser) -> None:
+def _config_options(parser: argparse.ArgumentParser) -> None:
+    """What decides what is said of given bytes."""
     parser.add_argument(
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )
@@ -236,7 +239,6 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help=f"which to run, of {', '.join(REGISTRY)} (default all)",
     )
-    parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
     parser.add_argument(
         "--estimate-rate",
         type=_rate,
@@ -244,6 +246,14 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="at most so many estimates a second and rotor, up to 10 (default)",
     )
+    parser.add_argument(
+        "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
+    )
+
+
+def _monitor_options(parser: argparse.ArgumentParser) -> None:
+    _config_options(parser)
+    parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
     parser.add_argument(
         "--sink",
         action="append",
@@ -256,9 +266,6 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
-    parser.add_argument(
-        "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
-    )
 
 
 def _estimators(text: str) -> tuple[str, ...]:
