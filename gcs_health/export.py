@@ -119,7 +119,7 @@ def _topics(flight: Flight) -> Iterator[tuple[str, Iterator[tuple[float, dict[st
             yield f"{vehicle}/{quantity}/{motor}", rows
         for topic, kind in (("alerts", AlertEvent), ("summary", SummaryEvent)):
             told: list[Any] = [e for e in flight.events if isinstance(e, kind) and e.vehicle == vehicle]
-            yield f"{vehicle}/{topic}", iter([(event.t, as_object(event)) for event in told])
+            yield f"{vehicle}/{topic}", iter([(float(event.t), as_object(event)) for event in told])
 
 
 def _rows(columns: Columns) -> Iterator[tuple[float, dict[str, Any]]]:

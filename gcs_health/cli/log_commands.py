@@ -18,3 +18,9 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
     export.add_argument("-o", "--output", required=True, metavar="DIR")
     export.add_argument("--format", choices=("parquet", "mcap", "both"), default="both", help="default both")
     config_options(export)
+
+    report = commands.add_parser("report", help="a flight as one page that opens anywhere")
+    report.add_argument("file", metavar="FLIGHT")
+    report.add_argument("-o", "--output", required=True, metavar="FLIGHT.html")
+    report.add_argument("--pdf", action="store_true", help="print it too, beside it; needs chromium")
+    config_options(report)
