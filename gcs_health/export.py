@@ -13,7 +13,9 @@ from gcs_health import __version__
 from gcs_health.errors import ConfigError
 from gcs_health.flight import TABLES, Flight
 from gcs_health.flight_columns import READING_TABLES, Columns
-from gcs_health.record.events import AlertEvent, SummaryEvent, as_object, plain
+from gcs_health.record.events import as_object, plain
+
+Row = tuple[float, dict[str, object]]  # its time [s], and itself
 
 SCHEMA = "gcs_health.tables/1"
 NEEDS = "{}: writing {} needs {}: pip install 'gcs-health[export]'"
@@ -106,7 +108,7 @@ def _columns(flight: Flight, name: str) -> Columns:
     return out
 
 
-def _topics(flight: Flight) -> Iterator[tuple[str, Iterator[tuple[float, dict[str, Any]]]]]:
+def _topics(flight: Flight) -> Iterator[tuple[str, Iterator[Row]]]:
     for vehicle in flight.vehicles:
         for name in READING_TABLES:
             yield f"{vehicle}/{name}", _rows(flight.columns(name, vehicle))
@@ -117,20 +119,24 @@ def _topics(flight: Flight) -> Iterator[tuple[str, Iterator[tuple[float, dict[st
             chosen = (estimates["quantity"] == quantity) & (estimates["motor"] == motor)
             rows = _rows({name: column[chosen] for name, column in estimates.items()})
             yield f"{vehicle}/{quantity}/{motor}", rows
-        for topic, kind in (("alerts", AlertEvent), ("summary", SummaryEvent)):
-            told: list[Any] = [e for e in flight.events if isinstance(e, kind) and e.vehicle == vehicle]
-            yield f"{vehicle}/{topic}", iter([(float(event.t), as_object(event)) for event in told])
+        steps = [(a.t, as_object(a)) for a in flight.alerts if a.vehicle == vehicle]
+        yield f"{vehicle}/alerts", iter(steps)
+        yield (
+            f"{vehicle}/summary",
+            iter([(s.t, as_object(s)) for s in flight.summaries if s.vehicle == vehicle]),
+        )
 
 
-def _rows(columns: Columns) -> Iterator[tuple[float, dict[str, Any]]]:
+def _rows(columns: Columns) -> Iterator[Row]:
     names = list(columns)
     for values in zip(*(column.tolist() for column in columns.values()), strict=True):
         row = dict(zip(names, map(plain, values), strict=True))
-        if row["t"] is not None:
-            yield row["t"], row
+        t = row["t"]
+        if isinstance(t, float):
+            yield t, row
 
 
-def _schema(row: dict[str, Any]) -> dict[str, Any]:
+def _schema(row: dict[str, object]) -> dict[str, Any]:
     """Return a JSON Schema that a plot can be chosen by; a number may be absent (null)."""
     kinds = {str: "string", bool: "boolean", dict: "object", list: "array"}
     return {

@@ -2,8 +2,11 @@
 
 import math
 import platform
+from collections import Counter
 from importlib import metadata
 from typing import Any
+
+import numpy as np
 
 from gcs_health import __version__
 from gcs_health.estimators.contract import REASON_TEXT, Reason
@@ -169,24 +172,25 @@ def _alert(flight: Flight, vehicle: str, episode: dict[str, Any], first: float) 
 
 
 def _not_estimated(flight: Flight, vehicle: str) -> list[dict[str, Any]]:
-    """Return, for each estimator and rotor that never gave a valid value, its reasons and their share of the time."""
+    """Return, for each estimator and the rotors of which it never gave a valid value, its reasons and their share."""
     e = flight.estimates
     mine = e["vehicle"] == vehicle
     out = []
-    keys = zip(e["estimator"][mine], e["quantity"][mine], e["motor"][mine].tolist(), strict=True)
-    for estimator, quantity, motor in sorted(set(keys)):
-        chosen = mine & (e["estimator"] == estimator) & (e["quantity"] == quantity) & (e["motor"] == motor)
-        if (e["status"][chosen] == "valid").any():
+    for estimator, quantity in sorted(set(zip(e["estimator"][mine], e["quantity"][mine], strict=True))):
+        chosen = mine & (e["estimator"] == estimator) & (e["quantity"] == quantity)
+        known = set(e["motor"][chosen & (e["status"] == "valid")].tolist())
+        chosen &= ~np.isin(e["motor"], list(known))
+        motors = sorted(set(e["motor"][chosen].tolist()))
+        if not motors:
             continue
-        said: dict[str, int] = {}
-        for reasons in e["reasons"][chosen]:
-            for reason in filter(None, reasons.split(", ")):
-                said[reason] = said.get(reason, 0) + 1
+        said = Counter(reason for row in e["reasons"][chosen] for reason in filter(None, row.split(", ")))
         why = [
             f"{REASON_TEXT[Reason(reason)]} ({100 * count / chosen.sum():.0f} % of the time)"
-            for reason, count in sorted(said.items(), key=lambda item: -item[1])
+            for reason, count in said.most_common()
         ]
-        out.append({"estimator": estimator, "quantity": quantity, "motor": motor, "why": "; ".join(why)})
+        out.append(
+            {"estimator": estimator, "quantity": quantity, "motors": ", ".join(map(str, motors)), "why": why}
+        )
     return out
 
 

@@ -1,6 +1,7 @@
 """Plots of one flight, as plotly figures in HTML without the library itself (the page has it once)."""
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ MOST = 1500  # points of a line: the least and largest of each stretch are kept
 # Okabe and Ito's colours, told apart by the colour-blind; lines differ in dashes besides
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DASHES = ("solid", "dash", "dot", "dashdot")
+SHADES = ("rgba(0,114,178,0.2)", "rgba(0,158,115,0.2)")
 GRID = "rgba(128,128,128,0.3)"
 UNITS = {  # quantity -> (title, what it is shown in, SI per shown unit)
     "effectiveness": ("Effectiveness: thrust per squared speed, 1 = healthy", "-", 1.0),
@@ -29,20 +31,19 @@ def style(motor: int) -> dict[str, Any]:
     return {"color": COLOURS[k % len(COLOURS)], "dash": DASHES[k // len(COLOURS) % len(DASHES)], "width": 1.5}
 
 
-def figure(title: str, unit: str, height: int = 320, x_title: str = "t [s]") -> Any:
+def figure(unit: str, height: int = 300, x_title: str = "t [s]") -> Any:
     """Return an empty figure in the house style: transparent, legible on light and dark."""
     import plotly.graph_objects as go
 
     axis = {"gridcolor": GRID, "zerolinecolor": GRID, "automargin": True}
     return go.Figure(
         layout={
-            "title": {"text": title, "font": {"size": 15}, "x": 0, "xref": "paper"},
             "height": height,
-            "margin": {"l": 10, "r": 10, "t": 40, "b": 10},
+            "margin": {"l": 10, "r": 10, "t": 20, "b": 10},
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",
             "font": {"color": "#777", "size": 12},
-            "legend": {"orientation": "h", "yanchor": "top", "y": -0.25},
+            "legend": {"orientation": "h", "yanchor": "bottom", "y": 1.02, "x": 0},
             "xaxis": {**axis, "title": x_title},
             "yaxis": {**axis, "title": unit},
             "template": "none",
@@ -51,13 +52,13 @@ def figure(title: str, unit: str, height: int = 320, x_title: str = "t [s]") -> 
     )
 
 
-def html(fig: Any) -> str:
-    """Return a figure as markup."""
+def html(title: str, fig: Any) -> str:
+    """Return a figure as markup, its title as a heading above it."""
     from plotly.io import to_html
 
-    config = {"responsive": True, "displaylogo": False, "scrollZoom": False}
+    config = {"responsive": True, "displayModeBar": False}  # drag zooms, a double click shows all again
     text: str = to_html(fig, include_plotlyjs=False, full_html=False, config=config)
-    return text
+    return f"<h3>{escape(title)}</h3>{text}"
 
 
 def thinned(t: Array, y: Array, most: int = MOST) -> tuple[Array, Array]:
@@ -84,17 +85,13 @@ def estimate_plots(flight: Flight, vehicle: str, marks: Sequence[tuple[float, st
     """Return a plot for each quantity of which anything is known."""
     out = []
     for quantity, (title, unit, scale) in UNITS.items():
-        fig, any_known = figure(title, unit), False
-        for motor, estimator, rows in series(flight, vehicle, quantity):
-            value = rows["value"] / scale
-            if not np.isfinite(value).any():
-                continue
-            any_known = True
-            others = estimator not in ("effectiveness", "unbalance", "motor_observer")
-            line(fig, rows["t"], value, f"motor {motor}" + (f" ({estimator})" if others else ""), motor)
-        if any_known:
+        known = [s for s in series(flight, vehicle, quantity) if np.isfinite(s[2]["value"]).any()]
+        for estimator in dict.fromkeys(s[1] for s in known):
+            fig = figure(unit)
+            for motor, _, rows in (s for s in known if s[1] == estimator):
+                line(fig, rows["t"], rows["value"] / scale, f"motor {motor}", motor)
             _mark(fig, marks)
-            out.append(html(fig))
+            out.append(html(f"{title} ({estimator.replace('_', ' ')})", fig))
     return out
 
 
@@ -113,13 +110,13 @@ def series(flight: Flight, vehicle: str, quantity: str) -> list[tuple[int, str, 
 def speed_plot(flight: Flight, vehicle: str, marks: Sequence[tuple[float, str]]) -> str:
     """Return the rotor speeds; empty if there are none."""
     rotors = flight.columns("rotors", vehicle)
-    fig = figure("Rotor speeds", "rad/s")
+    fig = figure("rad/s")
     for name, column in rotors.items():
         if name.startswith("speed_") and np.isfinite(column).any():
             motor = int(name.removeprefix("speed_"))
             line(fig, rotors["t"], column, f"motor {motor}", motor)
     _mark(fig, marks)
-    return html(fig) if fig.data else ""
+    return html("Rotor speeds", fig) if fig.data else ""
 
 
 def spectrum_plot(flight: Flight, vehicle: str) -> str:
@@ -130,7 +127,7 @@ def spectrum_plot(flight: Flight, vehicle: str) -> str:
     if found is None:
         return ""
     title = f"Accelerations at {found.rate:.0f} Hz, and each rotor's line (dotted where it aliases)"
-    fig = figure(title, "Hz", height=420)
+    fig = figure("Hz", height=420)
     known = found.level[np.isfinite(found.level)]
     low, high = np.percentile(known, (5, 99.8)) if len(known) else (0.0, 1.0)
     fig.add_heatmap(
@@ -151,7 +148,7 @@ def spectrum_plot(flight: Flight, vehicle: str) -> str:
             _rotor_line(fig, found.t, hertz, found.rate, motor)
     fig.update_layout(hovermode="closest")
     fig.update_yaxes(range=[0.0, 0.5 * found.rate])
-    return html(fig)
+    return html(title, fig)
 
 
 def _at(where: Array, t: Array, y: Array) -> Array:
@@ -179,8 +176,10 @@ def _rotor_line(fig: Any, t: Array, hertz: Array, rate: float, motor: int) -> No
 
 def alert_plot(flight: Flight, vehicle: str, motor: int, t: float, around: float = 15.0) -> str:
     """Return what was believed of one motor around an alert: effectiveness with two deviations, and P(failed)."""
-    fig = figure(f"Motor {motor} around {t:.1f} s", "-", height=280)
-    for _, estimator, rows in [s for s in series(flight, vehicle, "effectiveness") if s[0] == motor]:
+    fig = figure("-", height=280)
+    mine = [s for s in series(flight, vehicle, "effectiveness") if s[0] == motor]
+    for number, (_, estimator, rows) in enumerate(mine):
+        by = estimator.replace("_", " ")
         near = (np.abs(rows["t"] - t) < around) & np.isfinite(rows["value"])
         if not near.any():
             continue
@@ -189,18 +188,18 @@ def alert_plot(flight: Flight, vehicle: str, motor: int, t: float, around: float
             x=np.concatenate([x, x[::-1]]).round(3),
             y=np.concatenate([value + 2 * std, (value - 2 * std)[::-1]]).astype(np.float32),
             fill="toself",
-            fillcolor="rgba(0,114,178,0.2)",
+            fillcolor=SHADES[number % 2],
             line={"width": 0},
             hoverinfo="skip",
-            name="± 2 std",
+            name=f"± 2 std ({by})",
         )
-        line(fig, x, value, f"effectiveness ({estimator})", 1)
+        line(fig, x, value, f"effectiveness ({by})", 1 + 2 * number)
         fig.add_scatter(
-            x=x.round(3), y=rows["failure_probability"][near], mode="lines", name="P(failed)",
-            line={"color": COLOURS[1], "dash": "dash", "width": 1.5},
+            x=x.round(3), y=rows["failure_probability"][near], mode="lines", name=f"P(failed) ({by})",
+            line={"color": COLOURS[1 + 2 * number], "dash": "dash", "width": 1.5},
         )  # fmt: skip
     _mark(fig, [(t, "alert")])
-    return html(fig) if fig.data else ""
+    return html(f"Motor {motor} around {t:.1f} s", fig) if fig.data else ""
 
 
 def _mark(fig: Any, marks: Sequence[tuple[float, str]]) -> None:
