@@ -46,6 +46,7 @@ class Flight:
     estimates : as columns, see `columns`.
     records : what the history keeps of each flight in the log.
     survey : what was in the log, message by message.
+    motors : the motor numbers of each vehicle, in the airframe's order; empty where that stayed unknown.
     """
 
     log: str
@@ -54,8 +55,8 @@ class Flight:
     estimates: Columns
     records: tuple[FlightRecord, ...]
     survey: Survey
+    motors: dict[str, tuple[int, ...]]
     _readings: dict[str, ReadingColumns]
-    _motors: dict[str, tuple[int, ...]]
 
     @property
     def summaries(self) -> tuple[SummaryEvent, ...]:
@@ -107,9 +108,9 @@ class Flight:
         if table not in READING_TABLES:
             raise ConfigError(f"expected a table of {', '.join(TABLES)}, got {table!r}")
         vehicle = vehicle or next(iter(self.vehicles), None)
-        if vehicle not in self._motors:
+        if vehicle not in self.motors:
             raise ConfigError(f"{self.log}: no vehicle {vehicle} in it; it holds {', '.join(self.vehicles)}")
-        return self._readings.get(vehicle, ReadingColumns()).columns(table, self._motors[vehicle])
+        return self._readings.get(vehicle, ReadingColumns()).columns(table, self.motors[vehicle])
 
     def frame(self, table: str, vehicle: str | None = None) -> "pandas.DataFrame":
         """Return one table as a `pandas.DataFrame`; see `columns`.
@@ -132,7 +133,7 @@ class Flight:
             for result in record.results
             if result.valid
         }
-        return bool(self._motors[vehicle]) and known.issuperset(self._motors[vehicle])
+        return bool(self.motors[vehicle]) and known.issuperset(self.motors[vehicle])
 
     def _results(self) -> Columns:
         rows = [(record, result) for record in self.records for result in record.results]
@@ -158,7 +159,7 @@ def replay(
     ----------
     log : a file, a .zip with one in it, a folder of them; "-" is standard input. Formats: see `docs/howto/logs.md`.
     config : what the user may choose; None = all estimators as recommended, the airframe from the log.
-        Its `stamped` and `tap` are set here.
+        Its `stamped` is set here, and with `readings` its `tap`.
     readings : keep what reached the estimators too (the IMU's part grows with the log: 56 bytes a sample).
     estimates_every : of one rotor, estimator and quantity keep one estimate in so many seconds; 0 = all of
         them. What is judged does not change.
@@ -189,7 +190,8 @@ def replay(
             receiver(news)
 
     with open_log(fspath(log)) as opened:
-        chosen = replace(config or MonitorConfig(), stamped=opened.stamped, tap=tap if readings else None)
+        config = config or MonitorConfig()
+        chosen = replace(config, stamped=opened.stamped, tap=tap if readings else config.tap)
         monitor = Monitor(chosen)
         for block in opened.blocks():
             take(monitor.feed(block))
@@ -209,6 +211,6 @@ def replay(
         estimates.columns(),
         tuple(records.values()),
         survey,
-        kept,
         motors,
+        kept,
     )

@@ -49,6 +49,10 @@ class ULogWriter:
         packed = struct.pack("<i" if isinstance(value, int) else "<f", value)
         self._definitions += self._record("P", bytes([len(key)]) + key + packed)
 
+    def info(self, name: str, text: str) -> None:
+        key = f"char[{len(text)}] {name}".encode()
+        self._definitions += self._record("I", bytes([len(key)]) + key + text.encode())
+
     def format(self, name: str, fields: str) -> None:
         """Declare a type, such as "uint64_t timestamp;float[3] q;"."""
         self._definitions += self._record("F", f"{name}:{fields}".encode())
@@ -100,6 +104,7 @@ def as_ulog(samples: Sequence[Sample], *, imu: str = "sensor_combined", motors: 
     """A PX4 flight as its .ulg; `motors`: ESCs in reverse order, named by actuator_function."""
     t_us = next(s.time_us for s in samples if s.time_us)
     writer = ULogWriter(t_us)
+    writer.info("sys_uuid", "000600000000333233343436000000000001")
     for name, fields in _ULOG_TYPES.items():
         writer.format(name, fields)
     for s in {s.name: s for s in samples if isinstance(s, Parameter)}.values():
@@ -196,6 +201,7 @@ def _dataflash(samples: Iterable[Sample], parameters: dict[str, float]) -> Itera
             for name, value in parameters.items():
                 yield _row("PARM", s.time_us, name.encode(), value)
             yield _row("MSG", s.time_us, b"ArduCopter V4.5.7 (1234abcd)")
+            yield _row("MSG", s.time_us, b"CubeOrange 0036003C 3230510A 34303433")
         t_us = s.time_us
         yield from _stamped(s, t_us)
 

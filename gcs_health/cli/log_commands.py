@@ -24,3 +24,27 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
     report.add_argument("-o", "--output", required=True, metavar="FLIGHT.html")
     report.add_argument("--pdf", action="store_true", help="print it too, beside it; needs chromium")
     config_options(report)
+
+    fleet = commands.add_parser("fleet", help="many logs, in parallel, into tables; and a page about them")
+    fleet.add_argument(
+        "places",
+        nargs="+",
+        metavar="LOG_OR_DIR",
+        help="logs, folders of them, URLs; or: report OUT, for a page about what was done into OUT",
+    )
+    fleet.add_argument("-o", "--output", required=True, metavar="OUT", help="folder; of report, the page")
+    fleet.add_argument(
+        "--workers", type=int, metavar="N", help="processes (default: this machine's cores; 1 = no other)"
+    )
+    fleet.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster does the work")
+    fleet.add_argument(
+        "--aircraft",
+        choices=("log", "folder"),
+        default="log",
+        help="whose a log is: as it says itself (the autopilot's uid), or the folder that it lies in",
+    )
+    fleet.add_argument("--redo", action="store_true", help="do again what is done")
+    fleet.add_argument(
+        "--history", metavar="URL", help="where each flight's results are kept (default OUT/history.sqlite)"
+    )
+    config_options(fleet)

@@ -7,7 +7,7 @@ RPM                     RPM
 RCOU                    SERVO_OUTPUT_RAW
 EV                      HEARTBEAT, EXTENDED_SYS_STATE
 BAT, VIBE               BATTERY_STATUS, VIBRATION
-PARM, MSG               PARAM_VALUE, STATUSTEXT
+PARM, MSG               PARAM_VALUE, STATUSTEXT; AUTOPILOT_VERSION of the board's id, which it logs as text
 
 DFReader finds where each message lies and what its fields are; they are read by columns from there, since
 message by message (`recv_match`) takes some 30 µs each.
@@ -15,6 +15,7 @@ message by message (`recv_match`) takes some 30 µs each.
 
 import contextlib
 import io
+import re
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +25,7 @@ from gcs_health.errors import LogError
 from gcs_health.mavlink.transcode import (
     Stream,
     as_tlog,
+    hardware,
     heartbeats,
     landed_states,
     parameters,
@@ -40,6 +42,7 @@ REAL32 = 9  # MAV_PARAM_TYPE
 INFO = 6  # MAV_SEVERITY
 SAME_ROUND_US = 2000  # ESCs that the autopilot writes within so long are told together
 GROUPS = ("1_TO_4", "5_TO_8", "9_TO_12")
+_BOARD = re.compile(r"^\S+ ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")
 HEAD = 3  # bytes before a record's fields
 
 Table = dict[str, np.ndarray[Any, Any]]
@@ -79,6 +82,7 @@ def _as_tlog(name: str, log: Any) -> BinaryIO:
     streams = [
         # without a word of it the log was made in flight: ArduPilot writes none on the ground unless told to
         heartbeats(span, kind, ARDUPILOT, armed or [(0, True)]),
+        *hardware(int(span.min()), _uid(log)),
         *told,
         *([landed_states(span, landed)] if landed else []),
         *imus,
@@ -215,6 +219,15 @@ def _others(log: Any) -> list[Stream]:
         said = zip(data["TimeUS"].tolist(), data["Message"].tolist(), strict=True)
         out.append(texts([(t, INFO, text.decode("utf-8", "replace")) for t, text in said]))
     return out
+
+
+def _uid(log: Any) -> bytes:
+    """Return the board's id, three words behind its name, as in "CubeOrange 0036003C 3230510A 34303433"."""
+    for text in _table(log, "MSG").get("Message", ()):
+        found = _BOARD.search(text.decode("ascii", "replace"))
+        if found:
+            return bytes.fromhex(found[1].replace(" ", ""))
+    return b""
 
 
 def _changes(events: Table, on: int, off: int) -> list[tuple[int, bool]]:

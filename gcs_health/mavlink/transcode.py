@@ -106,6 +106,13 @@ def landed_states(t_us: Times, changes: Sequence[tuple[int, bool]]) -> Stream:
     return stream("EXTENDED_SYS_STATE", at, landed_state=np.where(held(at, changes), 1, 2))
 
 
+def hardware(t_us: int, uid: bytes) -> list[Stream]:
+    """Return AUTOPILOT_VERSION with the hardware's uid; nothing if that is not known."""
+    if not any(uid):
+        return []
+    return [stream("AUTOPILOT_VERSION", t_us, uid2=np.frombuffer(uid[:18].ljust(18, b"\0"), np.uint8))]
+
+
 def held(at: Times, changes: Sequence[tuple[int, bool]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return the state at each time; before the first change, what that one changed from."""
     times = np.array([t for t, _ in changes], np.int64)

@@ -8,6 +8,7 @@ vehicle_status                       HEARTBEAT
 vehicle_land_detected                EXTENDED_SYS_STATE
 battery_status                       BATTERY_STATUS
 parameters, logged text              PARAM_VALUE (bits of an int32), STATUSTEXT
+sys_uuid                             AUTOPILOT_VERSION
 
 Times are microseconds since boot, in the log as on the wire. Only these topics are loaded: memory grows with
 them (some 60 bytes an IMU sample), not with the file.
@@ -23,6 +24,7 @@ from gcs_health.errors import LogError
 from gcs_health.mavlink.transcode import (
     Stream,
     as_tlog,
+    hardware,
     heartbeats,
     landed_states,
     parameters,
@@ -81,6 +83,7 @@ def open_ulog(name: str, file: BinaryIO) -> BinaryIO:
     span = np.concatenate([s.t_us for s in imus] or [topics["esc_status"][0]["timestamp"]]).astype(np.int64)
     streams = [
         heartbeats(span, *_kind(topics, log), _changes(topics["vehicle_status"], "arming_state", ARMED)),
+        *hardware(int(span.min()), _uid(log.msg_info_dict.get("sys_uuid", ""))),
         told,
         *_landed(topics, span),
         *imus,
@@ -252,6 +255,13 @@ def _parameters(log: Any) -> tuple[Stream, dict[int, int]]:
         geometry.feed(Parameter(1, 1, 22, 0, None, name, float(value), bits, kinds[-1], 0, 0))
     wire = np.frombuffer(b"".join(values), "<f4")
     return parameters(times, names, wire, kinds), geometry.output_channels()
+
+
+def _uid(text: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        return b""
 
 
 def _severity(level: int) -> int:
