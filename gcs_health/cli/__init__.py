@@ -68,6 +68,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     _monitor_options(replay)
     replay.add_argument(
+        "--sweep",
+        action="store_true",
+        help="replay under other phases, losses, rates and jitter: which verdicts hold, and which are luck",
+    )
+    replay.add_argument(
         "--history",
         default="none",
         metavar="URL",
