@@ -2,8 +2,9 @@
 
     python benchmarks/fleet.py [--logs 16] [--many 200] [--copies 1 4 16] [--workers 2] [--plot docs/fleet.svg]
 
-Logs are the shipped flight of 14 s (`replay/lost_propeller.tlog`); longer ones are several of it on end, the vehicle
-reboots between them (Linux alone tells the memory); the short ones of the overhead are its first 60 kB. Ratios are within one run.
+Logs are the shipped flight of 14 s (`replay/lost_propeller.tlog`); longer ones are several of it on end, the
+vehicle reboots between them; the short ones of the overhead are its first 60 kB. Ratios are within one run. Memory
+is told by Linux alone.
 """
 
 import argparse
