@@ -5,6 +5,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from time import monotonic
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import monitor_config
@@ -16,6 +17,7 @@ from gcs_health.flight import FINDINGS, NOT_JUDGED
 from gcs_health.record.history import History
 
 TOLD_MOST = 40  # logs with findings, or without use, that are named at the end
+WRITE_EVERY = 30.0  # s: so much is done again if this process is killed
 REPORT = "report"
 
 
@@ -31,11 +33,15 @@ def run(options: argparse.Namespace) -> int:
     history = History(options.history or str(Path(options.output) / "history.sqlite"))
     try:
         ended = each(analyse, todo, workers=options.workers, scheduler=options.scheduler)
+        written = monotonic()
         for one in _with_progress(ended, len(todo)):
             result = _result(one)
-            store.add(result)
             for record in result.records:
                 history.store(record)
+            store.add(result)
+            if monotonic() - written > WRITE_EVERY:
+                store.flush()
+                written = monotonic()
     finally:  # what was done before an interruption stays done
         store.flush()
         history.close()

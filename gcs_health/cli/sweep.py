@@ -3,10 +3,12 @@
 import argparse
 import json
 import sys
+from contextlib import ExitStack
+from typing import TextIO
 
 from gcs_health.cli import ALERT, BAD_INPUT, DONE
 from gcs_health.cli.monitoring import monitor_config
-from gcs_health.errors import GcsHealthError
+from gcs_health.errors import ConfigError, GcsHealthError
 from gcs_health.record.events import plain
 from gcs_health.sweep import RECORDED, Variant, findings, sweep
 
@@ -14,28 +16,35 @@ from gcs_health.sweep import RECORDED, Variant, findings, sweep
 def run(options: argparse.Namespace) -> int:
     """Sweep every file; an unreadable one is told and the rest still done."""
     code, held = DONE, False
-    for name in options.files:
-        try:
-            swept = sweep(name, monitor_config(options))
-        except GcsHealthError as error:
-            print(f"gcs-health: {error}", file=sys.stderr)
-            code = BAD_INPUT
-            continue
-        if options.jsonl == "-":
-            for variant in swept:
-                row = {
-                    "log": name,
-                    "variant": variant.name,
-                    "outcome": variant.outcome,
-                    "error": variant.error,
-                }
-                print(
-                    json.dumps(row | {"alerts": [plain(h._asdict()) for h in variant.heard]}, allow_nan=False)
-                )
-        else:
-            print(sweep_text(name, swept))
-        held |= any(count == len(swept) for _, count, _, _ in findings(swept))
+    with ExitStack() as stack:
+        lines = _lines(options.jsonl, stack)
+        for name in options.files:
+            try:
+                swept = sweep(name, monitor_config(options))
+            except GcsHealthError as error:
+                print(f"gcs-health: {error}", file=sys.stderr)
+                code = BAD_INPUT
+                continue
+            if lines is not None:
+                lines.writelines(_line(name, variant) for variant in swept)
+            if lines is not sys.stdout:
+                print(sweep_text(name, swept))
+            held |= any(count == len(swept) for _, count, _, _ in findings(swept))
     return ALERT if code == DONE and options.fail_on_alert and held else code
+
+
+def _lines(jsonl: str | None, stack: ExitStack) -> TextIO | None:
+    if jsonl is None or jsonl == "-":
+        return sys.stdout if jsonl else None
+    try:
+        return stack.enter_context(open(jsonl, "w", encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{jsonl}: cannot write: {error.strerror}") from None
+
+
+def _line(name: str, variant: Variant) -> str:
+    row = {"log": name, "variant": variant.name, "outcome": variant.outcome, "error": variant.error}
+    return json.dumps(row | {"alerts": [plain(h._asdict()) for h in variant.heard]}, allow_nan=False) + "\n"
 
 
 def sweep_text(name: str, swept: list[Variant]) -> str:
