@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         ended = each(analyse, todo, workers=options.workers, scheduler=options.scheduler)
         written = monotonic()
-        for one in _with_progress(ended, len(todo)):
+        for one in with_progress(ended, len(todo)):
             result = _result(one)
             for record in result.records:
                 history.store(record)
@@ -73,7 +73,8 @@ def _result(one: Done) -> Analysed:
     return Analysed([row], [], [], [])
 
 
-def _with_progress(ended: Iterable[Done], total: int) -> Iterator[Done]:
+def with_progress(ended: Iterable[Done], total: int) -> Iterator[Done]:
+    """Pass on what ends; on a terminal a bar on standard error shows how far it is."""
     if not sys.stderr.isatty() or not total:
         yield from ended
         return

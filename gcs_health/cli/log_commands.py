@@ -33,10 +33,7 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
         help="logs, folders of them, URLs; or: report OUT, for a page about what was done into OUT",
     )
     fleet.add_argument("-o", "--output", required=True, metavar="OUT", help="folder; of report, the page")
-    fleet.add_argument(
-        "--workers", type=int, metavar="N", help="processes (default: this machine's cores; 1 = no other)"
-    )
-    fleet.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster does the work")
+    _engine_options(fleet)
     fleet.add_argument(
         "--aircraft",
         choices=("log", "folder"),
@@ -48,3 +45,33 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
         "--history", metavar="URL", help="where each flight's results are kept (default OUT/history.sqlite)"
     )
     config_options(fleet)
+
+    campaign = commands.add_parser("campaign", help="many seeds of a scenario, to rates with intervals")
+    campaign.add_argument("scenario", metavar="SCENARIO", help="as of simulate")
+    campaign.add_argument("--seeds", type=_seeds, default=(1, 20), metavar="A-B", help="default 1-20")
+    campaign.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a value, as in wind.speed=5"
+    )
+    campaign.add_argument("--jsonl", metavar="OUT", help="write a line a flight; - is standard output")
+    _engine_options(campaign)
+    config_options(campaign)
+
+
+def _engine_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--workers", type=_count, metavar="N", help="processes (default: this machine's cores; 1 = no other)"
+    )
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster does the work")
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
+    return int(text)
+
+
+def _seeds(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    if not first.isdigit() or not (last or first).isdigit() or int(last or first) < int(first):
+        raise argparse.ArgumentTypeError(f"expected seeds as 1-20, got {text}")
+    return int(first), int(last or first)
