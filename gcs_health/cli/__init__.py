@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from gcs_health import __version__
+from gcs_health.cli.log_commands import add_log_commands
 from gcs_health.errors import GcsHealthError
 from gcs_health.estimators import REGISTRY
 
@@ -77,6 +78,11 @@ def _parser() -> argparse.ArgumentParser:
         "files", nargs="+", metavar="FILE", help="a .tlog or raw MAVLink; - is standard input"
     )
     _monitor_options(replay)
+    replay.add_argument(
+        "--sweep",
+        action="store_true",
+        help="replay under other phases, losses, rates and jitter: which verdicts hold, and which are luck",
+    )
     replay.add_argument(
         "--history",
         default="none",
@@ -245,6 +251,7 @@ def _parser() -> argparse.ArgumentParser:
     _scenario_options(demo)
     _monitor_options(demo)
     _screen_options(demo)
+    add_log_commands(commands, _config_options)
     return parser
 
 
@@ -287,7 +294,8 @@ def _config_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _monitor_options(parser: argparse.ArgumentParser) -> None:
+def _config_options(parser: argparse.ArgumentParser) -> None:
+    """What decides what is said of given bytes."""
     _config_option(parser)
     parser.add_argument(
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
@@ -305,7 +313,6 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help=f"which to run, of {', '.join(REGISTRY)} (default all)",
     )
-    parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
     parser.add_argument(
         "--estimate-rate",
         type=_rate,
@@ -313,6 +320,14 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="at most so many estimates a second and rotor, up to 10 (default)",
     )
+    parser.add_argument(
+        "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
+    )
+
+
+def _monitor_options(parser: argparse.ArgumentParser) -> None:
+    _config_options(parser)
+    parser.add_argument("--jsonl", metavar="OUT", help="write events as JSON lines; - is standard output")
     parser.add_argument(
         "--sink",
         action="append",
@@ -325,9 +340,6 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
-    parser.add_argument(
-        "--signing-key", metavar="FILE", help="32 bytes, or 64 hex digits: verify signed frames with it"
-    )
 
 
 def _estimators(text: str) -> tuple[str, ...]:

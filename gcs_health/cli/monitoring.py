@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, TextIO
@@ -34,19 +35,24 @@ def make_monitor(
     ------
     AirframeError, ConfigError : a file named in the options cannot be used.
     """
+    return Monitor(replace(monitor_config(options), stamped=stamped, raw_tap=raw_tap, tap=tap))
+
+
+def monitor_config(options: argparse.Namespace) -> MonitorConfig:
+    """Return what the options ask of a monitor.
+
+    Raises
+    ------
+    AirframeError, ConfigError : a file named in the options cannot be used.
+    """
     path = config_path(options)
-    return Monitor(
-        MonitorConfig(
-            airframe=load_vehicle(options.vehicle) if options.vehicle else None,
-            estimators=options.estimators,
-            mode=options.mode,
-            estimate_rate=options.estimate_rate,
-            keys=(_key(options.signing_key),) if options.signing_key else (),
-            stamped=stamped,
-            raw_tap=raw_tap,
-            tap=tap,
-            rules=load_config([path] if path else []).book,
-        )
+    return MonitorConfig(
+        airframe=load_vehicle(options.vehicle) if options.vehicle else None,
+        estimators=options.estimators,
+        mode=options.mode,
+        estimate_rate=options.estimate_rate,
+        keys=(_key(options.signing_key),) if options.signing_key else (),
+        rules=load_config([path] if path else []).book,
     )
 
 

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 def run(options: argparse.Namespace) -> int:
     """Replay every file; an unreadable one is told and the rest still done."""
+    if options.sweep:
+        from gcs_health.cli.sweep import run as run_sweep
+
+        return run_sweep(options)
     code = DONE
     make_monitor(options, stamped=True)  # what is wrong with the options is wrong for every file
     receivers = [*history_of(options), *sinks_of(options, patient=True)]

@@ -1,14 +1,20 @@
-"""Log files as blocks of bytes: .tlog with stamps, or a raw stream without, told by their content."""
+"""Log files as blocks of bytes: .tlog with stamps, or a raw stream without, told by their content.
 
+Autopilots' own logs (`ulog`, `dataflash`) come as the .tlog that they would have been; compressed files
+(`compressed`) as what is in them.
+"""
+
+import shutil
 import sys
-import zipfile
-import zlib
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
 from gcs_health.errors import LogError
+from gcs_health.mavlink import dataflash, ulog
+from gcs_health.mavlink.compressed import MAGIC, decompressor, first_bytes, reading_errors
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.framing import hunt
 from gcs_health.mavlink.tlog_sets import is_zip, open_folder, open_zip
@@ -56,7 +62,7 @@ class Log:
     def _read(self, size: int) -> bytes:
         try:
             return self._file.read(size)
-        except (OSError, zipfile.BadZipFile, zlib.error) as error:
+        except reading_errors() as error:
             raise LogError(f"{self.name}: cannot read on: {error}") from None
 
     def _fill(self, size: int) -> bytes:
@@ -84,7 +90,7 @@ class Log:
 
 
 def open_log(name: str) -> Log:
-    """Open a log by name: a file, a .zip with one in it, a folder of them; "-" is standard input.
+    """Open a log by name: a file, compressed or not, a .zip with one in it, a folder of them; "-" is standard input.
 
     Raises
     ------
@@ -100,12 +106,41 @@ def open_log(name: str) -> Log:
         raise
 
 
-def _open(path: Path) -> tuple[BinaryIO, int]:
+def _open(path: Path) -> tuple[BinaryIO, int | None]:
     if path.is_dir():
         return open_folder(path)
     if is_zip(path):
         return open_zip(path)
     try:
+        plain = decompressor(path)
+        if plain is not None:
+            return _unpacked(path, plain), None
+        start = first_bytes(path)
+        if start.startswith(ulog.MAGIC):
+            return ulog.open_ulog(str(path), path.open("rb")), None
+        if start.startswith(dataflash.MAGIC):
+            return dataflash.open_dataflash(str(path), path), None
         return path.open("rb"), path.stat().st_size
     except OSError as error:
-        raise LogError(f"{path}: cannot read it: {error.strerror}") from None
+        raise LogError(f"{path}: cannot read it: {error.strerror or error}") from None
+
+
+def _unpacked(path: Path, plain: BinaryIO) -> BinaryIO:
+    """Return a compressed log as what is in it; an autopilot's own is unpacked first, its readers seek in it."""
+    try:
+        start = plain.read(MAGIC)
+        if not start.startswith((ulog.MAGIC, dataflash.MAGIC)):
+            plain.close()
+            again = decompressor(path)
+            assert again is not None
+            return again
+        with tempfile.NamedTemporaryFile(suffix=".log") as whole:
+            whole.write(start)
+            shutil.copyfileobj(plain, whole)
+            whole.flush()
+            plain.close()
+            if start.startswith(ulog.MAGIC):
+                return ulog.open_ulog(str(path), open(whole.name, "rb"))
+            return dataflash.open_dataflash(str(path), Path(whole.name))
+    except reading_errors() as error:
+        raise LogError(f"{path}: cannot unpack it: {error}") from None

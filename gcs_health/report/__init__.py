@@ -1,0 +1,1 @@
+"""Reports as self-contained pages: one flight, or a fleet of them."""
