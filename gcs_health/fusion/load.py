@@ -16,8 +16,8 @@ from gcs_health.samples import RotorReading
 
 MEMORY, EVERY, LEARN = 5.0, 0.1, 2.0  # s: of the usual load; from lesson to lesson; until it is believed
 OVER, FROM = 0.4, 0.1  # s: it is measured over so long, at least
-NONE, SPREAD = 0.1, 0.2  # load without a propeller; standard deviation, of one flight's manoeuvres
-PART = (0.3, 0.95)  # loads of what is partly there
+NONE, SPREAD = 0.1, 0.15  # load without a propeller; standard deviation, of one flight's manoeuvres
+PART = (0.3, 0.7)  # loads of what is partly there
 
 
 class Load:

@@ -18,9 +18,7 @@ from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
 from gcs_health.samples import CommandReading, EscInfo, ImuReading, Reading, RotorReading
 
 LIVE = (RotorState.FRESH, RotorState.STOPPED)
-DECIDES = (
-    1.0  # s after a failure in which load and command tell its kind: then a quadrotor lies on the ground
-)
+DECIDES = 0.6  # s after a failure in which load and command tell its kind: then a quadrotor cuts its motors
 PART_HOLDS = 2.0  # s that a part of the thrust must be missing; benchmarks/partial_losses.md
 
 # what each of the autopilot's words could be of

@@ -25,7 +25,7 @@ PRIOR_ODDS: dict[Kind, float] = {
     Kind.THRUST_LOSS: 1e-4,
     Kind.MOTOR_STOPPED: 1e-4,
     Kind.MOTOR_STUCK: 3e-5,
-    Kind.PROPELLER_SLIPPING: 3e-5,
+    Kind.PROPELLER_SLIPPING: 1e-4,
     Kind.PROPELLER_UNBALANCED: 1e-3,
     Kind.DRAG_RISEN: 1e-3,
     Kind.ESC_TELEMETRY_LOST: 1e-3,

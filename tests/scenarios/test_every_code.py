@@ -40,7 +40,7 @@ FLIGHTS = {
     ("ROTOR_FAILED", "PROPELLER_SLIPPING"): struck("slipping", 8, 9, *QUICK, size=0.1),
     ("ROTOR_FAILED", "THRUST_LOSS"): struck("effectiveness", 8, 11, *HEXA, size=0.6),
     ("PROPELLER_UNBALANCED",): struck("unbalance", 1, 9, *SHAKEN, size=200),
-    ("DRAG_RISEN",): struck("bearing", 10, 20, *HEXA, size=15),
+    ("DRAG_RISEN",): struck("bearing", 10, 21, *HEXA, "telemetry.rates.ESC_INFO=0", size=30),
     ("ESC_TELEMETRY_LOST",): struck("esc_lost", 6, 8.5, *QUICK),
     ("ESC_FAULT_REPORTED",): struck("esc_flags", 6, 6.5, *QUICK, size=1),
     ("ESC_OVERHEATING",): struck("esc_heat", 6, 6.5, *QUICK, size=120),
