@@ -386,9 +386,18 @@ class VehicleMonitor:
             if said:
                 self._judge(said)
             if self._panel is not None:
-                told = self._panel.read(reading, self._flies())
+                told = self._panel.read(reading, self._surely_flies())
                 if told:
                     self._alerts(told)
+
+    def _surely_flies(self) -> bool:
+        """Whether it flies, by the autopilot's word, or, where it does not say, by the flight gate.
+
+        Thrown or held in a hand, its rotors do as they are told one by one: no speed is to be judged by the others'.
+        """
+        if self._landed is None:
+            return self._armed is not False and self.bank is not None and self.bank.gate.open
+        return self._flies()
 
     def _tell_flight(self, t: float) -> None:
         if self._armed is not None or self._landed is not None:
