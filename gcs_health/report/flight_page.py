@@ -165,7 +165,8 @@ def _alert(flight: Flight, vehicle: str, episode: dict[str, Any], first: float) 
     return {
         "event": begun,
         "steps": [(clock(step.t, first), step.state, step.text) for step in episode["steps"]],
-        "advice": CATALOGUE[begun.code].advice if begun.code in CATALOGUE else "",
+        "code": episode["last"].code,  # what it became known as
+        "advice": CATALOGUE[episode["last"].code].advice if episode["last"].code in CATALOGUE else "",
         "plot": Markup(plots.alert_plot(flight, vehicle, begun.motor, begun.t)),
         "evidence": [(name, _shown(value)) for name, value in sorted(begun.evidence.items())],
     }
@@ -217,6 +218,10 @@ def _configuration(flight: Flight) -> list[tuple[str, str]]:
         ("airframe", config.airframe.name if config.airframe is not None else "from the log"),
         ("estimators", ", ".join(config.estimators)),
         ("mode", config.mode),
+        (
+            "alert rules",
+            f"{len(config.rules.changes)} changed" if config.rules.changes else "the catalogue's",
+        ),
         ("estimates", f"up to {config.estimate_rate:g} a second and rotor"),
         ("outcome", {FINDINGS: "findings", HEALTHY: "healthy"}.get(flight.outcome, "not judged")),
     ]

@@ -51,7 +51,7 @@ def test_export_writes_every_table_and_an_mcap(tmp_path: Path, capsys: pytest.Ca
     assert main(["export", str(FLIGHT), "-o", str(out), "--estimators", "effectiveness"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == len(TABLES) + 1
     alerts = parquet.read_table(out / "alerts.parquet").to_pydict()
-    assert (alerts["code"], alerts["motor"]) == (["ROTOR_FAILED"], [3])
+    assert (alerts["code"], alerts["motor"]) == (["ROTOR_FAILED", "PROPELLER_LOST"], [3, 3])
     imu = parquet.read_table(out / "imu.parquet")
     assert imu.schema.metadata[b"schema"] == b"gcs_health.tables/1"
     assert -12.0 < np.median(imu["az"]) < -8.0
@@ -60,8 +60,8 @@ def test_export_writes_every_table_and_an_mcap(tmp_path: Path, capsys: pytest.Ca
             (channel.topic, schema.name, json.loads(message.data))
             for schema, channel, message in make_reader(file).iter_messages()
         ]
-    (alert,) = [row for topic, _, row in messages if topic == "/1.1/alerts"]
-    assert alert["motor"] == 3
+    steps = [row for topic, _, row in messages if topic == "/1.1/alerts"]
+    assert [(step["state"], step["motor"]) for step in steps] == [("raised", 3), ("escalated", 3)]
     assert {name for topic, name, _ in messages if topic == "/1.1/imu"} == {"gcs_health.imu"}
     estimates = [row for topic, _, row in messages if topic == "/1.1/effectiveness/3"]
     assert len(estimates) > 100

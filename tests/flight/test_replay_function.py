@@ -59,7 +59,10 @@ def test_the_estimates_are_those_of_the_command_line(flight: Flight, tmp_path: P
 def test_the_flight_knows_its_outcome(flight: Flight) -> None:
     assert flight.outcome == "findings"
     assert flight.vehicles == ("1.1",)
-    assert [(a.code, a.motor, a.state) for a in flight.alerts] == [("ROTOR_FAILED", 3, "raised")]
+    assert [(a.code, a.motor, a.state) for a in flight.alerts] == [
+        ("ROTOR_FAILED", 3, "raised"),
+        ("PROPELLER_LOST", 3, "escalated"),
+    ]
 
 
 def test_a_flight_of_which_too_little_is_known_is_not_called_healthy(tmp_path: Path) -> None:

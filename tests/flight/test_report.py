@@ -32,7 +32,7 @@ def body(page: Path) -> str:
 
 def test_the_page_says_the_verdict_first_and_names_no_other_place(page: Path) -> None:
     text = body(page)
-    assert text.index("motor 3 (front left, CW): rotor failed") < text.index("<h2>Rotors")
+    assert text.index("motor 3 (front left, CW): propeller lost") < text.index("<h2>Rotors")
     for part in ("Alerts", "Over the flight", "What could not be estimated", "Data quality", "Configuration"):
         assert f"<h2>{part}" in text
     assert "numpy" in text
