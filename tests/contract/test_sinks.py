@@ -413,8 +413,9 @@ def test_mavlink_goes_out_only_where_asked(tmp_path: Path) -> None:
     assert main(["replay", str(FLIGHT)]) == 0
     assert end.count() == 0
     assert main(["replay", str(FLIGHT), "--sink", end.spec]) == 0
-    assert wait_until(lambda: end.count() == 1)
+    assert wait_until(lambda: end.count() == 2)
     assert end.texts[0].text.startswith("ROTOR_FAILED raised: motor 3")
+    assert any(said.text.startswith("PROPELLER_LOST escalated: motor 3") for said in end.texts)
     end.stop()
 
 

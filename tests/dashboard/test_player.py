@@ -156,7 +156,7 @@ def test_to_the_alert_and_acknowledged_there(session: Session) -> None:
     us, _ = session.fore.marks[0]
     shown = session.do(c.Seek(us + 200_000))
     alert = shown.entries[0]
-    assert (alert.code, alert.motor, alert.open, alert.level) == ("ROTOR_FAILED", 3, True, Level.FAILED)
+    assert (alert.code, alert.motor, alert.open, alert.level) == ("PROPELLER_LOST", 3, True, Level.FAILED)
     assert next(r for r in shown.vehicles[0].rotors if r.motor == 3).level is Level.FAILED
     assert alert.trace[0].t < alert.t < alert.trace[-1].t
     assert alert.figures
@@ -178,7 +178,7 @@ def test_a_raw_stream_without_stamps_plays_by_the_vehicles_clock() -> None:
     raw.do(elapsed=1.0)
     assert raw.player.now == begun + 1e6
     us, _ = raw.fore.marks[0]
-    assert raw.do(c.Seek(us + 500_000)).entries[0].code == "ROTOR_FAILED"
+    assert raw.do(c.Seek(us + 500_000)).entries[0].code == "PROPELLER_LOST"
 
 
 def test_a_silence_on_the_tape_is_a_silence_on_the_screen() -> None:

@@ -100,7 +100,7 @@ def test_pictures_come_ten_a_second_and_tell_the_flight(whole: tuple[Air, list[S
     assert shown[0].waiting or shown[0].vehicles
     last = shown[-2]
     (alert,) = of_alerts(last)
-    assert (alert.code, alert.motor, alert.open) == ("ROTOR_FAILED", 3, True)
+    assert (alert.code, alert.motor, alert.open) == ("PROPELLER_LOST", 3, True)
     craft = last.vehicles[0]
     assert (craft.title, craft.mode, craft.armed) == ("PX4 4 rotors", "POSCTL", True)
     assert {rotor.motor: rotor.level for rotor in craft.rotors}[3] is Level.FAILED
@@ -151,7 +151,7 @@ def test_nothing_is_sent_until_the_operator_confirmed(whole: tuple[Air, list[Sna
 
 def test_two_links_that_speak_for_one_vehicle_at_once_are_shown() -> None:
     desk = Desk()
-    flown(Air(EARLY, lambda k: f"udp {k % 2}"), desk)
+    flown(Air(EARLY, lambda k: f"udp {k // 7 % 2}"), desk)
     assert set(desk.shown[-2].vehicles[0].sources) == {"udp 0", "udp 1"}
     alone = Desk()
     half = START + S
@@ -234,7 +234,7 @@ def test_files_are_shown_and_stay_until_the_operator_leaves() -> None:
         return bool(shown and shown[-1].ended)
 
     until(ended)
-    assert of_alerts(shown[-1])[0].code == "ROTOR_FAILED"
+    assert of_alerts(shown[-1])[0].code == "PROPELLER_LOST"
     worker.stop()
     assert "ROTOR_FAILED raised" in session.text.getvalue()
 

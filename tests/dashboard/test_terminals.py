@@ -87,7 +87,7 @@ def test_a_replay_in_tmux_from_the_command_to_a_clean_end(tmux: Tmux) -> None:
     assert len(shown.splitlines()) == 24
     tmux.until("✗─|✗ ")  # the forerunner has found the alert
     tmux.keys("n")
-    shown = tmux.until("ROTOR FAILED")
+    shown = tmux.until("PROPELLER LOST")
     assert "motor 3 front left" in shown
     assert "╔═════════╗" in shown
     tmux.keys("Enter")
