@@ -67,7 +67,7 @@ def truth_of(path: Path) -> str:
     """Return what is known of the flight, in a few words."""
     truth = json.loads(path.with_suffix("").with_suffix(".truth.json").read_text())["truth"]
     rotor = truth.get("rotor")
-    what = truth.get("fault") or truth.get("note") or ""
+    what = truth.get("fault") or ""
     text = f"{truth.get('condition', '')}: {what}" if what else str(truth.get("condition", ""))
     return (text[:90] + ("..." if len(text) > 90 else "")) + (f" (motor {rotor})" if rotor else "")
 
