@@ -16,6 +16,8 @@ from enum import StrEnum
 
 from gcs_health.airframe import Airframe
 from gcs_health.esc_batches import BatchJoin, Known
+from gcs_health.esc_life import LIVE_VOLTS, Esc, Timing
+from gcs_health.motor_outputs import MotorOutputs
 from gcs_health.samples import (
     CommandReading,
     EscInfo,
@@ -30,16 +32,10 @@ from gcs_health.samples import (
 
 NAN = math.nan
 IMPOSSIBLE = 30000.0  # rad/s, 286 000 rpm: no propeller turns so fast
-LIVE_VOLTS = 0.5  # V; below, an ESC gives no voltage
 MOST_ESCS = 12  # as ESC_INFO.count
 STALE_AFTER = 2.5  # usual intervals without news, but at least ...
 STALE_LEAST = 1.0  # ... so many s
-ALIVE = 1.0  # s since count or volts moved within which ArduPilot's rpm 0 is a stopped rotor
-HELD = 0.8  # s; ArduPilot holds a lost speed for 1 s, a speed that moved since was measured
 GENUINE = 3  # batches from slot 4 on that differ from ESC 0-3 before they are believed
-COMMAND_SILENT = 2.0  # s until another output stream is taken
-ANEW = 5.0  # s back in time that are another axis and not a late sample
-ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW = 375, 36
 
 
 class RotorState(StrEnum):
@@ -49,122 +45,6 @@ class RotorState(StrEnum):
     FRESH = "fresh"
     STALE = "stale"
     STOPPED = "stopped"
-
-
-class _Timing:
-    """When news came, of one ESC or of four that come together and are well."""
-
-    __slots__ = ("interval", "news")
-
-    def __init__(self) -> None:
-        self.news = -math.inf  # when [s]
-        self.interval = NAN  # usual time between news [s]
-
-    def note(self, t: float) -> bool:
-        """Take news; return whether they are newer than the last."""
-        step = t - self.news
-        if step > 0.0:
-            usual = self.interval
-            if step < math.inf:
-                # a clipped mean: gaps do not slow it, a change of rate is followed
-                self.interval = step if usual != usual else usual + 0.05 * (min(step, 3 * usual) - usual)
-            self.news = t
-            return True
-        if step < -ANEW:
-            self.news = t
-            return True
-        return False
-
-    def copy(self) -> "_Timing":
-        """Return one that goes on by itself."""
-        other = _Timing()
-        other.news, other.interval = self.news, self.interval
-        return other
-
-
-class _Esc:
-    """What one ESC index has shown so far."""
-
-    __slots__ = (
-        "changed",
-        "count",
-        "moved",
-        "packets",
-        "raw",
-        "speed",
-        "timing",
-        "turned",
-        "volts",
-        "volts_seen",
-        "zero",
-    )
-
-    def __init__(self) -> None:
-        self.turned = False
-        self.volts_seen = False
-        self.speed = NAN  # last known [rad/s]; while four are well together, one of theirs
-        self.timing = _Timing()
-        # ArduPilot's alone
-        self.count: int | None = None
-        self.packets = False  # count has ever moved
-        self.moved = -math.inf  # when count or volts last did [s]
-        self.volts = self.raw = NAN  # as last sent
-        self.changed = -math.inf  # when a speed above 0 last did [s]
-        self.zero = -math.inf  # when the speed fell to 0, if it was measured until then
-
-    def note(self, t: float, speed: float) -> None:
-        """Take a known speed."""
-        if self.timing.note(t):
-            self.speed = speed
-        if speed > 0.0:
-            self.turned = True
-
-    def stopped(self, t: float, speed: float, volts: float, count: int) -> bool:
-        """Follow ArduPilot's signs of life; return whether a speed of 0 would be a stopped rotor."""
-        moved = self.count is not None and count != self.count
-        self.packets |= moved
-        if moved or (volts != self.volts and self.volts == self.volts and volts > LIVE_VOLTS):
-            self.moved = t
-        if speed > 0.0:
-            if speed != self.raw:
-                self.changed = t
-            self.zero = -math.inf
-        elif self.raw > 0.0:
-            self.zero = t if t - self.changed < HELD else -math.inf
-        self.count, self.volts, self.raw = count, volts, speed
-        return t - self.moved <= ALIVE or (not self.packets and t - self.zero <= ALIVE)
-
-
-class _Unit:
-    """The unit of one output stream, told from the values it has shown so far; it only grows."""
-
-    __slots__ = ("largest", "last", "least", "offset", "span")
-
-    def __init__(self) -> None:
-        self.last = -math.inf
-        self.largest, self.least = 0.0, math.inf
-        self.offset, self.span = 0.0, 1.0
-
-    def learn(self, values: tuple[float, ...]) -> None:
-        """Widen the range seen; decide the unit anew if it grew."""
-        grown = False
-        for value in values:
-            if value > self.largest:
-                self.largest, grown = value, True
-            if 1.001 < value < self.least:
-                self.least, grown = value, True
-        if not grown or self.largest <= 1.001:
-            return
-        if self.largest > 2200.0:
-            self.offset, self.span = 0.0, 8191.0  # UAVCAN raw
-        elif self.least >= 800.0:
-            self.offset, self.span = 1000.0, 1000.0  # PWM µs
-        else:
-            self.offset, self.span = 0.0, 2000.0  # DShot
-
-    def command(self, value: float) -> float:
-        """Return a value as 0..1."""
-        return min(max((value - self.offset) / self.span, 0.0), 1.0) if value == value else NAN
 
 
 class RotorTelemetry:
@@ -179,48 +59,42 @@ class RotorTelemetry:
     """
 
     def __init__(self) -> None:
-        self.escs: dict[int, _Esc] = {}
+        self.escs: dict[int, Esc] = {}
         self.repeats = 0
         self.gives_current = False
         self.temperatures: dict[int, float] = {}
         self._rotor_of: dict[int, int] = {}  # by ESC index
-        self._motors: tuple[tuple[int, int], ...] = ()  # (motor, ESC index) of each rotor
         self._in_order: tuple[int, ...] = ()  # ESC index of each rotor
-        self._channels: dict[int, int] = {}  # given, by motor
-        self._channel_of: tuple[int, ...] = ()
         self._last_batch: dict[int, tuple[int | None, Four, Four, Four]] = {}
         self._genuine = 0
-        self._units: dict[int, _Unit] = {}
-        self._outputs: int | None = None
+        self._outputs = MotorOutputs()
         self._count = 0  # ESC_INFO.count
         self._online_high = self._info_high = False
         self._px4 = self._ardupilot = self._rpm_only = False
         self._join = BatchJoin()
-        self._well: dict[int, _Timing] = {}  # of four ESCs that are well, by the first's index
+        self._well: dict[int, Timing] = {}  # of four ESCs that are well, by the first's index
 
     def set_airframe(self, airframe: Airframe) -> None:
         """Take the order of rotors and which ESC is whose."""
         self._rotor_of = {rotor.esc: k for k, rotor in enumerate(airframe.rotors)}
-        self._motors = tuple((rotor.motor, rotor.esc) for rotor in airframe.rotors)
         self._in_order = tuple(rotor.esc for rotor in airframe.rotors)
-        self._find_channels()
+        self._outputs.set_motors(tuple((rotor.motor, rotor.esc) for rotor in airframe.rotors))
 
     def set_output_channels(self, channels: dict[int, int]) -> None:
         """Take which output channel (from 0) drives which motor (from 1); without it a motor's ESC index."""
-        self._channels = dict(channels)
-        self._find_channels()
+        self._outputs.set_channels(channels)
 
     @property
     def output_channels(self) -> tuple[int, ...]:
         """The output channel, from 0, of each rotor."""
-        return self._channel_of
+        return self._outputs.channels
 
     def feed(self, t: float, sample: Sample) -> RotorReading | CommandReading | None:
         """Return what is new of the rotors at vehicle time `t` [s]; None if nothing or no airframe is."""
         if isinstance(sample, EscStatus):
             return self._esc_status(t, sample)
         if isinstance(sample, Outputs):
-            return self._command(t, sample)
+            return self._outputs.feed(t, sample)
         if isinstance(sample, EscTelemetry):
             return self._esc_telemetry(t, sample)
         if isinstance(sample, EscInfo):
@@ -344,7 +218,7 @@ class RotorTelemetry:
         if timing is not None:
             timing.note(t)
             return
-        escs = [self.escs.setdefault(index, _Esc()) for index in range(first, first + 4)]
+        escs = [self.escs.setdefault(index, Esc()) for index in range(first, first + 4)]
         for esc, speed in zip(escs, speed4, strict=True):
             esc.volts_seen = True
             esc.note(t, speed)
@@ -367,7 +241,7 @@ class RotorTelemetry:
             speed = abs(speed)
             esc = self.escs.get(index)
             if esc is None:
-                esc = self.escs[index] = _Esc()
+                esc = self.escs[index] = Esc()
             if voltage > LIVE_VOLTS:
                 esc.volts_seen = True
             else:
@@ -390,7 +264,7 @@ class RotorTelemetry:
             index = sample.index + j
             esc = self.escs.get(index)
             if esc is None:
-                esc = self.escs[index] = _Esc()
+                esc = self.escs[index] = Esc()
             speed, voltage, current = abs(sample.speed[j]), sample.voltage[j], sample.current[j]
             count = esc.count
             stopped = esc.stopped(t, speed, voltage, sample.count[j])
@@ -412,7 +286,7 @@ class RotorTelemetry:
             if not self.gives_current:
                 self.gives_current = any(current > 0.0 for current in known.current)
             return RotorReading(t, known.speed, known.current, known.voltage)
-        n = len(self._motors)
+        n = len(self._in_order)
         speeds, currents, volts, any_known = [NAN] * n, [NAN] * n, [NAN] * n, False
         for index, speed, current, voltage in zip(*known, strict=True):
             rotor = self._rotor_of.get(index)
@@ -421,24 +295,3 @@ class RotorTelemetry:
                 if current > 0.0:
                     self.gives_current = True
         return RotorReading(t, tuple(speeds), tuple(currents), tuple(volts)) if any_known else None
-
-    def _find_channels(self) -> None:
-        self._channel_of = tuple(self._channels.get(motor, esc) for motor, esc in self._motors)
-
-    def _command(self, t: float, sample: Outputs) -> CommandReading | None:
-        message = sample.message
-        # ACTUATOR_CONTROL_TARGET is roll, pitch, yaw and thrust; other ports are servos and gimbals
-        if message not in (ACTUATOR_OUTPUT_STATUS, SERVO_OUTPUT_RAW) or sample.port:
-            return None
-        unit = self._units.get(message)
-        if unit is None:
-            unit = self._units[message] = _Unit()
-        values = sample.value
-        used = tuple([values[c] if 0 <= c < len(values) else NAN for c in self._channel_of])
-        unit.learn(used or values)
-        unit.last = t
-        if self._outputs != message:
-            if self._outputs is not None and 0.0 <= t - self._units[self._outputs].last <= COMMAND_SILENT:
-                return None
-            self._outputs = message
-        return CommandReading(t, tuple([unit.command(value) for value in used])) if used else None

@@ -53,18 +53,9 @@ def info(index: int, online: int, count: int) -> EscInfo:
     return EscInfo(1, 1, 290, 0, 1, index, count, 1, 0, online, (0, 0, 0, 0), (0, 0, 0, 0), NAN4)
 
 
-def outputs(values: tuple[float, ...], message: int = 375, port: int = 0) -> Outputs:
-    return Outputs(1, 1, message, 0, 1, port, values)
-
-
 def reading(out: object) -> RotorReading:
     assert isinstance(out, RotorReading)
     return out
-
-
-def command(out: object) -> tuple[float, ...]:
-    assert isinstance(out, CommandReading)
-    return out.command
 
 
 def same(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
@@ -320,60 +311,6 @@ def test_speed_sensors_that_are_no_escs_are_only_said() -> None:
     assert "name no rotor" in rotors.notes()[0]
 
 
-# -- commands -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("seen", "expected"),
-    [
-        ([(0.0, 0.25, 0.5, 1.0)], (0.0, 0.25, 0.5, 1.0)),
-        ([(900.0, 1000.0, 1500.0, 2000.0)], (0.0, 0.0, 0.5, 1.0)),
-        ([(48.0, 500.0, 1000.0, 2000.0)], (0.024, 0.25, 0.5, 1.0)),
-        ([(8191.0, 0.0, 0.0, 0.0), (0.0, 8191.0, 1000.0, 0.0)], (0.0, 1.0, 1000 / 8191, 0.0)),
-        ([(48.0, 48.0, 48.0, 48.0), (1000.0, 1200.0, 1400.0, 1600.0)], (0.5, 0.6, 0.7, 0.8)),
-        ([(1000.0, 1000.0, 1000.0, 1000.0), (0.0, 0.0, 0.0, 0.0)], (0.0, 0.0, 0.0, 0.0)),
-        ([(1100.0, NAN, 1900.0, -1.0)], (0.1, NAN, 0.9, 0.0)),
-        ([(0.5, 0.5)], (0.5, 0.5, NAN, NAN)),
-    ],
-)
-def test_the_unit_of_commands_is_told_from_their_range(
-    seen: list[tuple[float, ...]], expected: tuple[float, ...]
-) -> None:
-    rotors = telemetry()
-    for k, values in enumerate(seen):
-        out = command(rotors.feed(k * 0.1, outputs(values)))
-    assert out == pytest.approx(expected, nan_ok=True)
-
-
-@given(st.lists(st.tuples(*[st.floats(allow_nan=True, width=32)] * 4), min_size=1, max_size=20))
-def test_commands_are_within_bounds_whatever_comes(rows: list[tuple[float, ...]]) -> None:
-    rotors = telemetry()
-    for k, row in enumerate(rows):
-        for value in command(rotors.feed(k * 0.1, outputs(row))):
-            assert 0.0 <= value <= 1.0 or math.isnan(value)
-
-
-def test_channels_go_to_motors_as_told() -> None:
-    rotors = telemetry()
-    rotors.set_output_channels({1: 4, 2: 5, 3: 6, 4: 99})
-    out = command(rotors.feed(1.0, outputs((0.9, 0.9, 0.9, 0.9, 0.1, 0.2, 0.3, 0.4))))
-    assert out == pytest.approx((0.1, 0.2, 0.3, NAN), nan_ok=True)
-
-
-def test_one_stream_of_commands_until_it_is_silent() -> None:
-    rotors = telemetry()
-    assert rotors.feed(0.0, outputs((1500.0,) * 4, 36)) is not None
-    assert rotors.feed(0.1, outputs((0.5,) * 4, 375)) is None
-    assert rotors.feed(0.2, outputs((1500.0,) * 4, 36)) is not None
-    assert rotors.feed(2.1, outputs((0.5,) * 4, 375)) is None
-    assert command(rotors.feed(2.3, outputs((0.5,) * 4, 375))) == (0.5,) * 4
-
-
-@pytest.mark.parametrize("sample", [outputs((0.5,) * 8, 140), outputs((1500.0,) * 8, 36, 1)])
-def test_axis_controls_and_other_ports_are_no_motor_commands(sample: Outputs) -> None:
-    assert telemetry().feed(1.0, sample) is None
-
-
 four = st.tuples(*[st.floats(allow_nan=True)] * 4)
 byte = st.integers(0, 255)
 
@@ -410,3 +347,12 @@ def test_before_the_airframe_is_known_nothing_is_read() -> None:
     silent = EscTelemetry(1, 1, 11030, 0, None, 0, ZERO, ZERO, ZERO, ZERO, (0,) * 4, NAN4)
     assert rotors.feed(1.0, silent) is None
     assert rotors.feed(1.1, EscStatus(1, 1, 291, 0, 1, 0, TURNING, VOLTS, AMPS)) is None
+
+
+def test_commands_come_by_the_channels_that_were_given() -> None:
+    rotors = telemetry()
+    rotors.set_output_channels({1: 4, 2: 5, 3: 6, 4: 7})
+    out = rotors.feed(1.0, Outputs(1, 1, 375, 0, 1, 0, (0.9, 0.9, 0.9, 0.9, 0.1, 0.2, 0.3, 0.4)))
+    assert isinstance(out, CommandReading)
+    assert out.command == pytest.approx((0.1, 0.2, 0.3, 0.4))
+    assert rotors.output_channels == (4, 5, 6, 7)
