@@ -25,7 +25,7 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.estimators.commanded_speeds import CommandedSpeeds
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.lesson import Lesson
+from gcs_health.estimators.lesson import Lesson, NextLesson
 from gcs_health.estimators.moment_learning import MomentLearning
 from gcs_health.estimators.motion import Motion
 from gcs_health.estimators.partial_loss import PartialLoss
@@ -81,10 +81,7 @@ class RecommendedBank:
         self._newest_learned = -math.inf
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
-        self._gathered: list[tuple[Step, Evidence]] = []  # final ticks of the next lesson
-        self._calm_ticks: list[bool] = []  # which of them teach the noise: no hypothesis was half way
-        self._gathered_time = 0.0
-        self._aged: list[tuple[int, tuple[float, ...], float, float]] = []  # age, e, dt, inflation
+        self._next = NextLesson()
         self._frozen_until = -math.inf
         self._frozen_since = math.nan
         self._checked = 0.0
@@ -191,10 +188,7 @@ class RecommendedBank:
         if self.bank.ticks or self._pending:
             self.bank.clear()
             self.standing = self.bank.standing(self.tick_length)
-            self._gathered.clear()
-            self._calm_ticks.clear()
-            self._gathered_time = 0.0
-            self._aged.clear()
+            self._next.clear()
             self.moments.gap()
             self._pending.clear()
             self._held_speeds.clear()
@@ -243,10 +237,8 @@ class RecommendedBank:
         fell = self._judge(t, True, look)
         self._final_row = self._row
         if self.failed is None:
-            self._gathered.append((step, tick))
-            self._calm_ticks.append(t > self._frozen_until)
-            self._gathered_time += step.dt
-            if self._gathered_time >= self.config.lesson:
+            self._next.add(step, tick, t > self._frozen_until)
+            if self._next.time >= self.config.lesson:
                 fell = self._learn(t) or fell
         return fell
 
@@ -282,7 +274,7 @@ class RecommendedBank:
         if t > self._newest_learned:
             self._newest_learned = t
             if t > self._frozen_until and self.failed is None:
-                self._aged.append((position + 1, tick.e, step.dt, step.inflation))
+                self._next.aged.append((position + 1, tick.e, step.dt, step.inflation))
         suspected = t <= self._frozen_until or self._in_bank == position > 0
         if not suspected and calm(tick, self._calm_limit):
             return False
@@ -381,11 +373,8 @@ class RecommendedBank:
     def _learn(self, t: float) -> bool:
         """Learn from the final ticks gathered; return whether the geometry became, or ceased to be, wrong."""
         c = self.config
-        lesson = Lesson(self._gathered)
-        self._gathered.clear()
-        self._gathered_time = 0.0
-        self._learn_noise(lesson, np.array(self._calm_ticks))
-        self._calm_ticks.clear()
+        lesson, calm_ticks = self._next.begin()
+        self._learn_noise(lesson, calm_ticks)
         self.standing = self.bank.standing(self.tick_length)
         self.slow.feed(lesson, self.gains.matrix)
         self.partial.feed(lesson, self.gains.matrix)
@@ -398,10 +387,10 @@ class RecommendedBank:
 
     def _learn_noise(self, lesson: Lesson, calm: NDArray[np.bool_]) -> None:
         since_open = self.gate.since_open
-        if self._aged:
-            ages, e, dt, inflation = zip(*self._aged, strict=True)
+        if self._next.aged:
+            ages, e, dt, inflation = zip(*self._next.aged, strict=True)
             self.noise.learn_aged(list(ages), np.array(e), np.array(dt), np.array(inflation), since_open)
-            self._aged.clear()
+            self._next.aged.clear()
         if calm.all():
             self.noise.learn(lesson.e, lesson.dt, lesson.inflation, since_open)
         elif calm.any():

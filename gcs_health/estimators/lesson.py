@@ -39,3 +39,35 @@ class Lesson:
         first, last = np.array(w0), np.array(w1)
         self.last_squares: Array = last * last
         self.squares: Array = 0.5 * (first * first + self.last_squares)
+
+
+class NextLesson:
+    """Ticks gathered for the next lesson.
+
+    Attributes
+    ----------
+    time : of its final ticks [s].
+    aged : (age, raw residual, length, inflation) of ticks judged with rotor speeds held for `age` ticks.
+    """
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was gathered: no lesson reaches across a closed gate."""
+        self.time = 0.0
+        self.aged: list[tuple[int, tuple[float, ...], float, float]] = []
+        self._ticks: list[tuple[Step, Evidence]] = []
+        self._calm: list[bool] = []
+
+    def add(self, step: Step, tick: Evidence, calm: bool) -> None:
+        """Add a final tick; `calm` = no hypothesis was half way, so it teaches the noise."""
+        self._ticks.append((step, tick))
+        self._calm.append(calm)
+        self.time += step.dt
+
+    def begin(self) -> tuple[Lesson, NDArray[np.bool_]]:
+        """Return the lesson and which of its ticks were calm; the next one begins empty but for what is aged."""
+        lesson, calm = Lesson(self._ticks), np.array(self._calm)
+        self._ticks, self._calm, self.time = [], [], 0.0
+        return lesson, calm

@@ -25,6 +25,7 @@ from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.amplitude_model import ImuFilter
 from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
+from gcs_health.estimators.input_recency import InputRecency
 from gcs_health.estimators.ticks import FASTEST, MOST
 from gcs_health.estimators.unbalance_config import Baseline, UnbalanceConfig
 from gcs_health.estimators.unbalance_paper import PaperUnbalance
@@ -115,9 +116,8 @@ class UnbalanceEstimator:
         damage = c.damage / self._mass if c.damage is not None else None
         self._recommended = RecommendedTracker(self.airframe, c.recommended, damage, c.baseline)
         self._level = VibrationLevel(n, c.level)
-        self._speed_t = [-math.inf] * n
+        self._inputs = InputRecency(n, c.stale_after)
         self._speeds_known = False
-        self._imu_t = -math.inf
         self._armed: bool | None = None
         self._landed: bool | None = None
         self._was: tuple[str, int] = ("", -1)
@@ -146,15 +146,17 @@ class UnbalanceEstimator:
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
-        missing = self._missing(t)
+        missing = self._inputs.missing(t)
         if self._paper is not None:
             return self._paper_estimates(self._paper, t, missing)
         if Reason.NO_ROTOR_SPEEDS in missing:
             return self._level_estimates(t, missing)
         answer = self._recommended.answer
-        if missing or answer is None:
-            reasons = missing or [self._recommended.gate or Reason.SETTLING]
-            return [self._unknown(t, i, self._of_rotor(reasons, i)) for i in range(self._rotors)]
+        if missing or self._inputs.incomplete:
+            return [self._unknown(t, i, self._inputs.reasons(i, missing)) for i in range(self._rotors)]
+        if answer is None:
+            reasons = [self._recommended.gate or Reason.SETTLING]
+            return [self._unknown(t, i, reasons) for i in range(self._rotors)]
         return [self._estimate(answer, t, i) for i in range(self._rotors)]
 
     @property
@@ -190,8 +192,8 @@ class UnbalanceEstimator:
         if not (-MOST < ax < MOST and -MOST < ay < MOST):
             return False
         airborne = self._landed is not True and self._armed is not False
-        if t > self._imu_t:
-            self._imu_t = t
+        if t > self._inputs.imu_t:
+            self._inputs.imu_t = t
         if self._paper is not None:
             self._paper.imu(t, ax, ay, airborne)
             return False
@@ -201,7 +203,7 @@ class UnbalanceEstimator:
 
     def _take_speeds(self, reading: RotorReading) -> None:
         t = reading.t
-        last, tracks = self._speed_t, self._recommended.tracker.tracks
+        last, tracks = self._inputs.speed_t, self._recommended.tracker.tracks
         new = [NAN] * self._rotors
         for i, speed in enumerate(reading.speed[: self._rotors]):
             if -FASTEST < speed < FASTEST and t >= last[i]:
@@ -227,30 +229,6 @@ class UnbalanceEstimator:
             self._recommended.set_filter(ImuFilter.told(reading))
         elif isinstance(reading, VibrationReading):
             self._level.vibration(reading.t, reading.x, reading.y, airborne)
-
-    def _missing(self, t: float) -> list[Reason]:
-        """Return which inputs keep the rotors from being judged at time t [s]."""
-        stale = self.config.stale_after
-        reasons = []
-        if self._imu_t == -math.inf:
-            reasons.append(Reason.NO_IMU)
-        elif t - self._imu_t > stale:
-            reasons.append(Reason.IMU_STALE)
-        newest = max(self._speed_t)
-        if newest == -math.inf:
-            reasons.append(Reason.NO_ROTOR_SPEEDS)
-        elif t - newest > stale:
-            reasons.append(Reason.ROTOR_SPEED_STALE)
-        elif min(self._speed_t) == -math.inf:
-            reasons.append(Reason.ROTOR_SPEEDS_INCOMPLETE)
-        return reasons
-
-    def _of_rotor(self, missing: list[Reason], rotor: int) -> list[Reason]:
-        """Return what is missing as it is for this rotor: its own speed, or another's."""
-        own = (
-            Reason.ROTOR_NOT_REPORTED if self._speed_t[rotor] == -math.inf else Reason.ROTOR_SPEEDS_INCOMPLETE
-        )
-        return [own if reason is Reason.ROTOR_SPEEDS_INCOMPLETE else reason for reason in missing]
 
     # -- estimates ----------------------------------------------------------------------------------
 
@@ -361,8 +339,8 @@ class UnbalanceEstimator:
         n = self._rotors
         if Reason.NO_ROTOR_SPEEDS in missing and core.flown > 0.0:
             missing = [reason for reason in missing if reason is not Reason.NO_ROTOR_SPEEDS]
-        if missing:
-            return [self._unknown(t, i, self._of_rotor(missing, i)) for i in range(n)]
+        if missing or self._inputs.incomplete:
+            return [self._unknown(t, i, self._inputs.reasons(i, missing)) for i in range(n)]
         value, std = core.unbalance(), core.std()
         c = self.config.paper
         b = int(np.argmax(value))
