@@ -4,6 +4,7 @@ One table an autopilot; parameter names, message ids and intervals as PX4 and Ar
 (their parameter references; MAV_CMD_SET_MESSAGE_INTERVAL is command 511, MAVLink common.xml).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -150,3 +151,16 @@ def estimator_needs(estimator: str, stream: Stream) -> tuple[Need, ...]:
     if estimator == "effectiveness":
         out.append(need(Input.LANDED_STATE, stream.landed, 1.0, stream.landed > 0))
     return tuple(out)
+
+
+def remedies(needs: Iterable[tuple[Need, ...]]) -> list[str]:
+    """Say once of each input that is needed and not there, of several estimators, what would give it."""
+    told: dict[Input, str] = {}
+    for need in (need for each in needs for need in each):
+        if need.met or need.input in told or not need.wanted > 1.0:
+            continue
+        if need.input is Input.CURRENT and Input.ROTOR_SPEED in told:
+            continue  # what gives the one gives the other
+        have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
+        told[need.input] = f"{have} {need.input.value} in the stream: {need.remedy}"
+    return list(told.values())

@@ -7,50 +7,22 @@ a function of configuration, bytes and stamps, whatever the chunking.
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
-from gcs_health.airframe import Airframe, AirframeSource
-from gcs_health.estimators import REGISTRY
+from gcs_health.airframe import AirframeSource
 from gcs_health.estimators.contract import Estimate
-from gcs_health.fusion.rules import RuleBook
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.messages import MessageDecoder
 from gcs_health.mavlink.requests import RateRequests
+from gcs_health.monitor_config import MonitorConfig, Tap
 from gcs_health.record.describe import describe_state
 from gcs_health.record.events import Event, SummaryEvent, Value
 from gcs_health.survey import Census, Survey, SystemSurvey, VehicleSurvey
-from gcs_health.vehicle_monitor import Tap, VehicleMonitor, VerdictTap
+from gcs_health.vehicle_monitor import VehicleMonitor
 
-
-@dataclass(frozen=True, slots=True)
-class MonitorConfig:
-    """What the user may choose.
-
-    Attributes
-    ----------
-    airframe : from a vehicle file; None = from the stream.
-    estimators : by registry name. mode : theirs, "recommended" or "paper".
-    estimate_rate : at most so many estimates a second and rotor [Hz].
-    keys : 32-byte signing keys.
-    stamped : the bytes are a .tlog.
-    raw_tap : called with all frames before they are decoded: a recorder's way in.
-    tap : called with (vehicle, reading) of everything that reaches an estimator, before it does.
-    rules : the user's alert rules.
-    verdict_tap : called with (vehicle, verdicts of all rotors, whether it flies) ten times a second.
-    """
-
-    airframe: Airframe | None = None
-    estimators: tuple[str, ...] = tuple(REGISTRY)
-    mode: str = "recommended"
-    estimate_rate: float = 10.0
-    keys: tuple[bytes, ...] = ()
-    stamped: bool = False
-    raw_tap: Callable[[FrameBatch], None] | None = None
-    tap: Tap | None = None
-    rules: RuleBook = field(default_factory=RuleBook)
-    verdict_tap: VerdictTap | None = None
+__all__ = ["Monitor", "MonitorConfig"]
 
 
 class Monitor:
@@ -95,7 +67,7 @@ class Monitor:
         """Let others hear from now on: a copy's own."""
         self.config = replace(self.config, tap=tap, raw_tap=raw_tap)
         for vehicle in self._vehicles.values():
-            vehicle.set_tap(tap)
+            vehicle.config = self.config
 
     def vehicles(self) -> list[VehicleMonitor]:
         """Return the vehicles seen so far."""
@@ -133,16 +105,7 @@ class Monitor:
             sender = (sample.system, sample.component)
             vehicle = self._vehicles.get(sender)
             if vehicle is None:
-                vehicle = self._vehicles[sender] = VehicleMonitor(
-                    f"{sender[0]}.{sender[1]}",
-                    self.config.airframe,
-                    self.config.estimators,
-                    self.config.mode,
-                    self.config.estimate_rate,
-                    self.config.tap,
-                    self.config.rules,
-                    self.config.verdict_tap,
-                )
+                vehicle = self._vehicles[sender] = VehicleMonitor(f"{sender[0]}.{sender[1]}", self.config)
             events += vehicle.feed(sample)
         return events
 
@@ -200,10 +163,10 @@ class Monitor:
         notes = [*vehicle.clock.quality(), vehicle.imu.describe(vehicle.autopilot), *vehicle.rotors.notes()]
         if vehicle.airframe is not None:
             notes += vehicle.airframe.warnings
-        if vehicle.missing_parameters():
-            notes.append(f"geometry parameters {vehicle.missing_parameters()}")
-        if vehicle.unusable():
-            notes.append(vehicle.unusable())
+        if vehicle.geometry.missing():
+            notes.append(f"geometry parameters {vehicle.geometry.missing()}")
+        if vehicle.geometry.unusable():
+            notes.append(vehicle.geometry.unusable())
         elif vehicle.airframe is None:
             notes.append("the airframe is not known: nothing was estimated; give --vehicle FILE.toml")
         span = vehicle.last_t - vehicle.first_t

@@ -12,6 +12,7 @@ ESC_TELEMETRY_x    a second. `count` moves with each telemetry packet: frozen, V
 """
 
 import math
+from collections.abc import Iterable
 from enum import StrEnum
 
 from gcs_health.airframe import Airframe
@@ -142,6 +143,10 @@ class RotorTelemetry:
         """Return how often ESC index `esc` gives news [Hz]; 0 if it does not."""
         known = self.escs.get(esc)
         return 1.0 / known.timing.interval if known is not None and known.timing.interval > 0.0 else 0.0
+
+    def fastest(self, escs: Iterable[int]) -> float:
+        """Return the highest rate of some ESC indices [Hz]; 0 if none gives news."""
+        return max((self.rate(esc) for esc in escs), default=0.0)
 
     def notes(self) -> tuple[str, ...]:
         """Say what kind of telemetry this is and what it cannot tell."""

@@ -5,33 +5,24 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from gcs_health.airframe import Airframe, AirframeSource
-from gcs_health.airframe_parameters import AirframeParameters
-from gcs_health.airframe_tables import assume_airframe
+from gcs_health.airframe_choice import AirframeChoice
 from gcs_health.clock import Kind, VehicleClock
 from gcs_health.errors import AirframeError
 from gcs_health.estimator_bench import EstimatorBench
 from gcs_health.estimators.contract import Estimate
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
+from gcs_health.flight_phase import FlightPhase
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.autopilot_words import AutopilotWords
 from gcs_health.fusion.panel import RotorPanel
-from gcs_health.fusion.rules import RuleBook, Rules
+from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
-from gcs_health.needs import Input, Need, Stream, estimator_needs
-from gcs_health.record.describe import (
-    alert_event,
-    describe_airframe,
-    estimate_event,
-    hardware_uid,
-    verdict_event,
-)
-from gcs_health.record.events import (
-    AlertEvent,
-    AutopilotEvent,
-    Event,
-    VehicleEvent,
-)
+from gcs_health.monitor_config import MonitorConfig
+from gcs_health.needs import Need, Stream, estimator_needs, remedies
+from gcs_health.record.describe import describe_airframe, describe_clock, estimate_event, hardware_uid
+from gcs_health.record.events import AlertEvent, AutopilotEvent, Event, VehicleEvent
+from gcs_health.record.outbox import Outbox
 from gcs_health.rotor_telemetry import RotorTelemetry
 from gcs_health.samples import (
     Battery,
@@ -39,7 +30,6 @@ from gcs_health.samples import (
     EscInfo,
     EscStatus,
     EscTelemetry,
-    FlightReading,
     Heartbeat,
     Imu,
     LandedState,
@@ -55,23 +45,7 @@ from gcs_health.samples import (
 
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
 NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: ground stations, companions ...
-MULTIROTORS = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # 0 generic; 4: some quads say helicopter
-ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the geometry
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
-CLOCK_WAIT_US = 2_000_000  # events wait so long for a first stamped message
-ON_GROUND = 1  # MAV_LANDED_STATE
-UNKNOWN_LANDED = 0
-BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
-
-Tap = Callable[[str, Reading], None]
-VerdictTap = Callable[[str, list[Verdict], bool], None]
-
-CLOCK_TEXT = {
-    Kind.GAP: "nothing came for {:.1f} s",
-    Kind.REBOOT: "the vehicle rebooted: its clock went back by {:.1f} s",
-    Kind.VEHICLE_STEP: "the vehicle's clock was set by {:.1f} s",
-    Kind.RECEIVE_STEP: "the ground station's clock was set by {:.1f} s",
-}
 
 
 class VehicleMonitor:
@@ -80,60 +54,31 @@ class VehicleMonitor:
     Parameters
     ----------
     vehicle : "sysid.compid".
-    airframe : the user's vehicle file; None = from the stream.
-    estimators : by registry name. mode : "recommended" or "paper".
-    estimate_rate : at most so many estimates a second and rotor [Hz].
-    tap : called with (vehicle, reading) before every reading reaches the estimator.
-    book : the user's alert rules.
-    verdict_tap : called with (vehicle, verdicts of all rotors, whether it flies) at every look at them.
+    config : what the user chose; may be replaced, which estimators go on with their part of it.
     """
 
-    def __init__(
-        self,
-        vehicle: str,
-        airframe: Airframe | None,
-        estimators: tuple[str, ...],
-        mode: str,
-        estimate_rate: float,
-        tap: "Tap | None" = None,
-        book: RuleBook | None = None,
-        verdict_tap: "VerdictTap | None" = None,
-    ) -> None:
+    def __init__(self, vehicle: str, config: MonitorConfig) -> None:
         self.vehicle = vehicle
-        self._book = book or RuleBook()
-        self._verdict_tap = verdict_tap
+        self.config = config
         self.autopilot: int | None = None
-        self.vehicle_type: int | None = None
         self.is_vehicle = False
         self.uid: str | None = None
-        self.airframe: Airframe | None = None
+        self.geometry = AirframeChoice()
+        self.phase = FlightPhase()
         self.custom_mode: int | None = None  # as the last HEARTBEAT said
         self.first_t = self.last_t = math.nan
         self.last_us = 0
         self.gaps: list[tuple[float, float]] = []
-        self.alerts: list[AlertEvent] = []
         self.latest: list[Estimate] = []  # of the last round of estimates
         self.clock = VehicleClock()
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
-        self._names = estimators
-        self._mode = mode
-        self._tap = tap
-        self._rate = estimate_rate
         self._due = -math.inf
-        self._parameters = AirframeParameters()
         self._bench: EstimatorBench | None = None
         self._panel: RotorPanel | None = None
         self._words = AutopilotWords()
-        self._told: dict[int, Verdict] = {}
-        self._armed: bool | None = None
-        self._landed: bool | None = None
-        self._landed_heard = 0
         self._needs_said = False
-        self._unusable = ""
-        self._pending: list[Event] = []
-        self._timed = False
-        self._first_us: int | None = None
+        self._outbox = Outbox(vehicle)
         self._handlers: dict[type, Callable[[float, Any], None]] = {
             Heartbeat: self._on_heartbeat,
             LandedState: self._on_landed_state,
@@ -148,8 +93,8 @@ class VehicleMonitor:
             Battery: self._on_battery,
             Vibration: self._on_vibration,
         }
-        if airframe is not None:
-            self._adopt(airframe)
+        if config.airframe is not None:
+            self._adopt(config.airframe)
 
     def feed(self, sample: Sample) -> list[Event]:
         """Take one sample; return what it causes."""
@@ -166,7 +111,10 @@ class VehicleMonitor:
             handler(t, sample)
         if t >= self._due and self.is_vehicle:
             self._routine(t)
-        return self._release(sample) if self._pending else []
+        if not self._outbox.pending:
+            return []
+        events = self._outbox.release(sample.receive_us, self.last_t, self.clock.settled)
+        return events if self.is_vehicle else []
 
     def poll(self, receive_us: int) -> list[Event]:
         """Say what silence causes: a vehicle that has gone quiet still gets its needs told."""
@@ -174,28 +122,28 @@ class VehicleMonitor:
             return []
         silent = max(receive_us - self.last_us, 0) * 1e-6
         self._tell_needs(self.last_t + silent)
-        events, self._pending = self._pending, []
-        return events
+        return self._outbox.take()
+
+    @property
+    def airframe(self) -> Airframe | None:
+        """Its geometry; None while unknown."""
+        return self.geometry.chosen
+
+    @property
+    def vehicle_type(self) -> int | None:
+        """MAV_TYPE; None if unheard."""
+        return self.geometry.vehicle_type
+
+    @property
+    def alerts(self) -> list[AlertEvent]:
+        """Every step of every alert so far."""
+        return self._outbox.alerts
 
     @property
     def bank(self) -> RecommendedBank | None:
         """What the recommended mode has learned; None in paper mode and without an airframe."""
         estimator = self._bench.effectiveness if self._bench is not None else None
         return estimator.bank if estimator is not None else None
-
-    def set_tap(self, tap: "Tap | None") -> None:
-        """Let another hear the readings from now on."""
-        self._tap = tap
-
-    @property
-    def armed(self) -> bool | None:
-        """As the last HEARTBEAT said; None if unheard."""
-        return self._armed
-
-    @property
-    def landed(self) -> bool | None:
-        """As the autopilot said last; None if it has not."""
-        return self._landed
 
     @property
     def verdicts(self) -> list[Verdict]:
@@ -209,23 +157,19 @@ class VehicleMonitor:
 
     def acknowledge(self, number: int) -> list[Event]:
         """Take that the operator has seen an alert episode; return what that causes."""
-        return self._operator(self._panel.acknowledge(number, self.last_t) if self._panel else [])
+        told = self._panel.acknowledge(number, self.last_t) if self._panel is not None else []
+        return [*self._outbox.alert(told, self.last_us)]
 
     def shelve(self, number: int, seconds: float) -> list[Event]:
         """Take that the operator wants silence on an episode for so long [s]; 0 ends it."""
         until = self.last_t + seconds
-        return self._operator(self._panel.shelve(number, self.last_t, until) if self._panel else [])
-
-    def _operator(self, alerts: list[Alert]) -> list[Event]:
-        before = len(self._pending)
-        self._alerts(alerts)
-        told, self._pending = self._pending[before:], self._pending[:before]
-        return told
+        told = self._panel.shelve(number, self.last_t, until) if self._panel is not None else []
+        return [*self._outbox.alert(told, self.last_us)]
 
     @property
     def rules(self) -> Rules:
         """The alert rules that hold for it."""
-        return self._book.rules(self.airframe.name if self.airframe else None, self.vehicle, self.uid)
+        return self.config.rules.rules(self.airframe.name if self.airframe else None, self.vehicle, self.uid)
 
     def estimates(self) -> list[Estimate]:
         """Return the present state of every rotor, estimator by estimator."""
@@ -239,26 +183,19 @@ class VehicleMonitor:
     def needs(self) -> dict[str, tuple[Need, ...]]:
         """List what each estimator needs against what the stream has, by its name."""
         span = self.last_t - self.first_t
-        rotor = self._rotor_rate()
+        known = self.airframe
+        rotor = self.rotors.fastest(
+            [each.esc for each in known.rotors] if known is not None else self.rotors.escs
+        )
         stream = Stream(
             self.imu.rate(),
             rotor,
             rotor if self.rotors.gives_current else 0.0,
-            self._landed_heard / span if span > 0 else 0.0,
+            self.phase.landed_heard / span if span > 0 else 0.0,
             self.airframe is not None and self.airframe.source is not AirframeSource.ASSUMED,
             self.autopilot,
         )
-        return {name: estimator_needs(name, stream) for name in self._names}
-
-    def missing_parameters(self) -> str:
-        """Say which parameters a geometry begun still lacks; empty if none."""
-        return self._parameters.missing() if self._source_is_worse_than(AirframeSource.PARAMETERS) else ""
-
-    def unusable(self) -> str:
-        """Say why nothing can be estimated here at all; empty if something can."""
-        if self.vehicle_type is not None and self.vehicle_type not in MULTIROTORS:
-            return f"MAV_TYPE {self.vehicle_type} is not a multirotor: no rotors to watch"
-        return self._unusable
+        return {name: estimator_needs(name, stream) for name in self.config.estimators}
 
     # -- samples ------------------------------------------------------------------------------------
 
@@ -266,26 +203,24 @@ class VehicleMonitor:
         if sample.autopilot == NO_AUTOPILOT or sample.vehicle_type in NOT_VEHICLES:
             return
         changed = (sample.autopilot, sample.vehicle_type) != (self.autopilot, self.vehicle_type)
-        self.autopilot, self.vehicle_type = sample.autopilot, sample.vehicle_type
+        self.autopilot, self.geometry.vehicle_type = sample.autopilot, sample.vehicle_type
         self.custom_mode = sample.custom_mode
         if not self.is_vehicle:
             self._now_a_vehicle()
         elif changed:
             self._say("identity", "the autopilot or vehicle type was heard")
-        if sample.armed is not self._armed:
-            news = sample.armed or self._armed is not None
-            if sample.armed and self._armed is False and self._panel is not None:
+        was = self.phase.armed
+        if sample.armed is not was:
+            news = sample.armed or was is not None
+            if sample.armed and was is False and self._panel is not None:
                 self._alerts(self._panel.new_flight(t))
-            self._armed = sample.armed
+            self.phase.armed = sample.armed
             self._tell_flight(t)
             if news:
                 self._say("flight", "armed" if sample.armed else "disarmed")
 
     def _on_landed_state(self, t: float, sample: LandedState) -> None:
-        self._landed_heard += 1
-        landed = None if sample.landed_state == UNKNOWN_LANDED else sample.landed_state == ON_GROUND
-        if landed is not self._landed:
-            self._landed = landed
+        if self.phase.land(sample):
             self._tell_flight(t)
 
     def _on_imu(self, t: float, sample: Imu) -> None:
@@ -311,7 +246,7 @@ class VehicleMonitor:
         word = self._words.feed(sample)
         if word is not None and not word.before_arming:
             relation = self._panel.relation(word) if self._panel is not None else "alone"
-            self._pending.append(
+            self._outbox.pending.append(
                 AutopilotEvent(t, self.last_us, self.vehicle, word.opinion, word.motors, word.text, relation)
             )
 
@@ -334,13 +269,12 @@ class VehicleMonitor:
 
     def _on_parameter(self, t: float, sample: Parameter) -> None:
         self.imu.set_parameter(sample.name, sample.number)
-        if not self._parameters.feed(sample):
+        if not self.geometry.parameter(sample):
             return
-        self.rotors.set_output_channels(self._parameters.output_channels())
-        if self._source_is_worse_than(AirframeSource.FILE):
-            airframe = self._parameters.airframe(self.vehicle_type)
-            if airframe is not None and airframe != self.airframe:
-                self._adopt(airframe)
+        self.rotors.set_output_channels(self.geometry.output_channels)
+        airframe = self.geometry.from_parameters()
+        if airframe is not None:
+            self._adopt(airframe)
 
     def _is_autopilot(self, sample: Sample) -> None:
         """Telemetry of component 1 is an autopilot's even before its HEARTBEAT is heard."""
@@ -362,25 +296,13 @@ class VehicleMonitor:
             if notice.kind is Kind.GAP:
                 self.gaps.append((notice.t, notice.size))
             if self.is_vehicle:
-                self._say("clock", CLOCK_TEXT[notice.kind].format(abs(notice.size)))
-
-    def _release(self, sample: Sample) -> list[Event]:
-        """Let events out, once the vehicle's clock is known or will not be: their times are on one axis."""
-        if not self._timed:
-            if self._first_us is None:
-                self._first_us = sample.receive_us
-            self._timed = self.clock.settled or sample.receive_us - self._first_us > CLOCK_WAIT_US
-            if not self._timed:
-                return []
-            self._pending = [event._replace(t=self.last_t) for event in self._pending]
-        events, self._pending = self._pending, []
-        return events if self.is_vehicle else []
+                self._say("clock", describe_clock(notice))
 
     # -- what follows -------------------------------------------------------------------------------
 
     def _read(self, reading: Reading) -> None:
-        if self._tap is not None:
-            self._tap(self.vehicle, reading)
+        if self.config.tap is not None:
+            self.config.tap(self.vehicle, reading)
         if self._bench is not None:
             said = self._bench.feed(reading)
             if said:
@@ -391,17 +313,12 @@ class VehicleMonitor:
                     self._alerts(told)
 
     def _surely_flies(self) -> bool:
-        """Whether it flies, by the autopilot's word, or, where it does not say, by the flight gate.
-
-        Thrown or held in a hand, its rotors do as they are told one by one: no speed is to be judged by the others'.
-        """
-        if self._landed is None:
-            return self._armed is not False and self.bank is not None and self.bank.gate.open
-        return self._flies()
+        return self.phase.surely_flies(self.bank is not None and self.bank.gate.open)
 
     def _tell_flight(self, t: float) -> None:
-        if self._armed is not None or self._landed is not None:
-            self._read(FlightReading(t, self._armed, self._landed))
+        reading = self.phase.reading(t)
+        if reading is not None:
+            self._read(reading)
 
     def _tell_all_known(self, t: float) -> None:
         """Tell new or reset estimators what is said only when it changes."""
@@ -411,8 +328,8 @@ class VehicleMonitor:
 
     def _routine(self, t: float) -> None:
         """Do what falls due with time: assume an airframe, say what is missing, estimate regularly."""
-        if t - self.first_t >= ASSUME_AFTER and self.airframe is None and not self.unusable():
-            assumed = assume_airframe(self.rotors.esc_count(), self.vehicle_type)
+        if self.airframe is None:
+            assumed = self.geometry.assumed(t - self.first_t, self.rotors.esc_count())
             if assumed is not None:
                 self._adopt(assumed)
         self._tell_needs(t)
@@ -420,79 +337,48 @@ class VehicleMonitor:
             self.latest = estimates = self._bench.routine(t)
             assert self.airframe is not None
             head = (self.airframe, self.last_us, self.vehicle)
-            self._pending += [estimate_event(estimate, *head) for estimate in estimates]
+            self._outbox.pending += [estimate_event(estimate, *head) for estimate in estimates]
             self._judge(estimates)
             if self._panel is not None:
-                self._alerts(self._panel.routine(t, self.rotors, self._flies()))
-                self._tell_verdicts(self._panel.verdicts)
-                if self._verdict_tap is not None:
-                    self._verdict_tap(self.vehicle, self._panel.verdicts, self._flies())
-        self._due = (math.floor(t * self._rate) + 1) / self._rate
+                self._alerts(self._panel.routine(t, self.rotors, self.phase.flies))
+                self._outbox.tell(self._panel.verdicts, self.airframe, self.last_us)
+                if self.config.verdict_tap is not None:
+                    self.config.verdict_tap(self.vehicle, self._panel.verdicts, self.phase.flies)
+        rate = self.config.estimate_rate
+        self._due = (math.floor(t * rate) + 1) / rate
 
     def _judge(self, estimates: Iterable[Estimate]) -> None:
         if self._panel is not None:
             self._alerts(self._panel.feed(estimates))
 
-    def _flies(self) -> bool:
-        """Whether the vehicle flies, as far as the autopilot says."""
-        return self._armed is not False and self._landed is not True
-
-    def _tell_verdicts(self, verdicts: list[Verdict]) -> None:
-        """Say what changed in what is believed of the rotors."""
-        assert self.airframe is not None
-        for verdict in verdicts:
-            before = self._told.get(verdict.rotor)
-            if before is not None and not verdict.differs(before):
-                continue
-            self._told[verdict.rotor] = verdict
-            self._pending.append(verdict_event(verdict, self.airframe, self.last_us, self.vehicle))
-
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
         try:
-            bench = EstimatorBench(airframe, self._names, self._mode)
+            bench = EstimatorBench(airframe, self.config.estimators, self.config.mode)
         except AirframeError as error:
-            self._unusable = str(error)
+            self.geometry.refused = str(error)
             if airframe.source is AirframeSource.FILE:
                 raise
             return
-        self._unusable = ""
         self._bench = bench
         self.latest = []
-        self.airframe = airframe
+        self.geometry.chosen, self.geometry.refused = airframe, ""
         self.rotors.set_airframe(airframe)
         count = self._panel.count if self._panel is not None else 0
         self._panel = RotorPanel(airframe, count, self.rules)
-        self._told.clear()
+        self._outbox.forget_verdicts()
         self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")
-
-    def _source_is_worse_than(self, source: AirframeSource) -> bool:
-        return self.airframe is None or BETTER.index(self.airframe.source) > BETTER.index(source)
 
     def _tell_needs(self, t: float) -> None:
         if self._needs_said or not t - self.first_t >= NEEDS_AFTER:
             return
         self._needs_said = True
-        if self.unusable():
-            self._say("notice", self.unusable())
+        if self.geometry.unusable():
+            self._say("notice", self.geometry.unusable())
             return
-        told: set[Input] = set()  # several estimators lack the same
-        for need in (need for needs in self.needs().values() for need in needs):
-            if need.met or need.input in told or not need.wanted > 1.0:
-                continue
-            if need.input is Input.CURRENT and Input.ROTOR_SPEED in told:
-                continue  # what gives the one gives the other
-            told.add(need.input)
-            have = f"only {need.rate:.1f} Hz of" if need.rate else "no"
-            self._say("notice", f"{have} {need.input.value} in the stream: {need.remedy}")
-
-    def _rotor_rate(self) -> float:
-        if self.airframe is None:
-            escs: Iterable[int] = self.rotors.escs
-        else:
-            escs = [rotor.esc for rotor in self.airframe.rotors]
-        return max((self.rotors.rate(esc) for esc in escs), default=0.0)
+        for text in remedies(self.needs().values()):
+            self._say("notice", text)
 
     # -- events -------------------------------------------------------------------------------------
 
@@ -503,7 +389,7 @@ class VehicleMonitor:
     def _say(self, change: str, text: str) -> None:
         if not self.is_vehicle:  # "seen" will tell all that is known by then
             return
-        self._pending.append(
+        self._outbox.pending.append(
             VehicleEvent(
                 self.last_t,
                 self.last_us,
@@ -513,13 +399,10 @@ class VehicleMonitor:
                 self.autopilot,
                 self.vehicle_type,
                 None if self.airframe is None else describe_airframe(self.airframe),
-                self._armed,
+                self.phase.armed,
                 self.uid,
             )
         )
 
     def _alerts(self, alerts: Iterable[Alert]) -> None:
-        for alert in alerts:
-            event = alert_event(alert, self.last_us, self.vehicle)
-            self.alerts.append(event)
-            self._pending.append(event)
+        self._outbox.pending += self._outbox.alert(alerts, self.last_us)

@@ -13,11 +13,11 @@ from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.config import load_config
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
+from gcs_health.monitor_config import Tap
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.append_file import AppendFile
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
-from gcs_health.vehicle_monitor import Tap
 
 KEY_LENGTH = 32
 

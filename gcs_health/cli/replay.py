@@ -10,9 +10,9 @@ from gcs_health.cli.monitoring import Output, make_monitor
 from gcs_health.cli.receivers import evidence_of, history_of, options_for, sinks_of
 from gcs_health.errors import GcsHealthError, LogError
 from gcs_health.mavlink.tlog import Log, open_log
+from gcs_health.monitor_config import Tap
 from gcs_health.pipeline import Monitor
 from gcs_health.record.events import Event
-from gcs_health.vehicle_monitor import Tap
 
 if TYPE_CHECKING:
     from gcs_health.cli.receivers import RawTap

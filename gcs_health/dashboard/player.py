@@ -17,9 +17,9 @@ from gcs_health.dashboard.model import Model
 from gcs_health.dashboard.snapshot import ReplayShot, Snapshot
 from gcs_health.dashboard.tape import Tape
 from gcs_health.dashboard.watch import RawTap, obey
+from gcs_health.monitor_config import Tap
 from gcs_health.pipeline import Monitor
 from gcs_health.record.events import AlertEvent, Event, VehicleEvent
-from gcs_health.vehicle_monitor import Tap
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
 FASTEST_BACK = 16.0

@@ -9,9 +9,10 @@ from gcs_health.dashboard.commands import Acknowledge, Command, RequestRates, Sh
 from gcs_health.dashboard.interface import PICTURE_US, Worker
 from gcs_health.dashboard.model import Model
 from gcs_health.mavlink.batch import FrameBatch
+from gcs_health.monitor_config import Tap
 from gcs_health.pipeline import Monitor
 from gcs_health.record.events import Event
-from gcs_health.vehicle_monitor import Tap, VehicleMonitor
+from gcs_health.vehicle_monitor import VehicleMonitor
 
 Ask = Callable[[VehicleMonitor, int], None]
 RawTap = Callable[[FrameBatch], None]

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gcs_health.airframe import Airframe
+from gcs_health.clock import ClockNotice
+from gcs_health.clock import Kind as ClockNews
 from gcs_health.estimators.contract import REASON_TEXT, Estimate
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.verdicts import Verdict
@@ -63,6 +65,19 @@ def alert_event(alert: Alert, t_unix_us: int, vehicle: str) -> AlertEvent:
         alert.text,
         dict(alert.evidence),
     )
+
+
+CLOCK_TEXT = {
+    ClockNews.GAP: "nothing came for {:.1f} s",
+    ClockNews.REBOOT: "the vehicle rebooted: its clock went back by {:.1f} s",
+    ClockNews.VEHICLE_STEP: "the vehicle's clock was set by {:.1f} s",
+    ClockNews.RECEIVE_STEP: "the ground station's clock was set by {:.1f} s",
+}
+
+
+def describe_clock(notice: ClockNotice) -> str:
+    """Say what happened to the vehicle's clock."""
+    return CLOCK_TEXT[notice.kind].format(abs(notice.size))
 
 
 def describe_airframe(airframe: Airframe) -> dict[str, Any]:
