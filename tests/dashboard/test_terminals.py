@@ -145,7 +145,7 @@ def browser() -> str:
 
 def test_the_dashboard_in_a_browser(browser: str, tmp_path: Path) -> None:
     """Set GCS_HEALTH_PICTURES to a folder to keep what the browser showed: look at it."""
-    from browser import pictures
+    from dashboard_browser import pictures
 
     port = free_port()
     server = subprocess.Popen(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import measured, needs_browser
+from page_browser import measured, needs_browser
 
 from gcs_health import MonitorConfig, replay
 from gcs_health.cli import main
