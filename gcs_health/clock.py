@@ -214,7 +214,12 @@ class VehicleClock:
         if type(sample) is SystemTime and sample.unix_us is not None:
             self._pair(sample.unix_us - stamp)
         axis = stamp + clock.shift
-        self._note_order(sample, axis)
+        # the sensors of one message are streams of their own
+        stream = message | sample.sensor << 24 if type(sample) is Imu else message
+        if axis < self._streams.get(stream, axis):
+            self.late += 1
+        else:
+            self._streams[stream] = axis
         if ahead >= 0:
             self._note_delay(clock, receive - axis, axis)
         return axis
@@ -326,15 +331,6 @@ class VehicleClock:
             other.shift = shift
         other.paired = True
 
-    def _note_order(self, sample: Sample, axis: int) -> None:
-        key = sample.message
-        if type(sample) is Imu:  # the sensors of one message are streams of their own
-            key |= sample.sensor << 24
-        if axis < self._streams.get(key, axis):
-            self.late += 1
-        else:
-            self._streams[key] = axis
-
     def _note_delay(self, clock: _VehicleClock, delay: int, axis: int) -> None:
         """Learn the least delay from the axis' own clock; hold the other clock to it."""
         least = self._delay
@@ -350,7 +346,7 @@ class VehicleClock:
             least.restart(delay, axis)
             self._boot.delay, self._unix.delay = _LeastDelay(), _LeastDelay()
             self._newest = self._estimated = axis  # what had no stamp has run ahead meanwhile
-        else:
+        elif delay < least.current or axis >= least.until or least.guess:  # else there is nothing new
             least.note(delay, axis)
         self._last_delay = delay
         if self._stalled is not None:

@@ -308,7 +308,7 @@ class VehicleMonitor:
             if said:
                 self._judge(said)
             if self._panel is not None:
-                told = self._panel.read(reading, self._surely_flies())
+                told = self._panel.read(reading, self._surely_flies)
                 if told:
                     self._alerts(told)
 

@@ -106,7 +106,7 @@ class ImuBlocks:
 
     def _flush(self) -> Tick:
         share = 1.0 / len(self._block)
-        tick = Tick(*[share * sum(values) for values in zip(*self._block, strict=True)])
+        tick = Tick(*[share * total for total in map(sum, zip(*self._block, strict=True))])
         self._block.clear()
         return tick
 

@@ -1,7 +1,7 @@
 """All rotors of one vehicle: evidence in, verdicts and alerts out."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from gcs_health.airframe import Airframe
 from gcs_health.estimators.contract import Estimate, Reason
@@ -69,8 +69,11 @@ class RotorPanel:
         """The last verdict of every rotor; empty before the first."""
         return self._judged
 
-    def read(self, reading: Reading, flies: bool) -> list[Alert]:
-        """Take what estimators take, for what is seen in the telemetry itself; return what follows at once."""
+    def read(self, reading: Reading, flies: Callable[[], bool]) -> list[Alert]:
+        """Take what estimators take, for what is seen in the telemetry itself; return what follows at once.
+
+        `flies` is asked only where it matters: whether the vehicle surely flies.
+        """
         kind = type(reading)
         if kind is ImuReading:
             self._attribution.imu(reading)  # type: ignore[arg-type]
@@ -78,7 +81,7 @@ class RotorPanel:
             self._attribution.command(reading)  # type: ignore[arg-type]
             self._commanded.command(reading)  # type: ignore[arg-type]
         elif kind is RotorReading:
-            return self._rotors(reading, flies)  # type: ignore[arg-type]
+            return self._rotors(reading, flies())  # type: ignore[arg-type]
         return []
 
     def _rotors(self, reading: RotorReading, flies: bool) -> list[Alert]:
