@@ -27,6 +27,7 @@ class Rotor:
     spin : +1 counter-clockwise seen from above (its reaction yaws the body nose-right, about +z),
         -1 clockwise, 0 unknown.
     radius : propeller radius [m], None if unknown.
+    propeller_mass : of the propeller, with what is balanced together with it [kg]; None if unknown.
     """
 
     motor: int
@@ -34,6 +35,7 @@ class Rotor:
     position: tuple[float, float, float]
     spin: Literal[-1, 0, 1]
     radius: float | None = None
+    propeller_mass: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

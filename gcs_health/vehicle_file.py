@@ -14,7 +14,7 @@ SCHEMA = "gcs_health.vehicle/1"
 MIN_ROTORS, MAX_ROTORS = 3, 12
 
 _TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor", "telemetry", "baseline"}
-_ROTOR = {"motor", "esc", "position", "spin", "radius"}
+_ROTOR = {"motor", "esc", "position", "spin", "radius", "propeller_mass"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
 _STD = "std"  # sub-table of a table that `calibrate` wrote
 _BASELINE = {"hover_speed", "hover_command", "vibration", "weight_offset", "unbalance", "vibration_level"}
@@ -101,6 +101,7 @@ class _Reader:
             position=self._vector(row["position"], f"{at}.position"),
             spin=spin,  # type: ignore[arg-type]
             radius=self._optional(row, "radius", f"{at}."),
+            propeller_mass=self._optional(row, "propeller_mass", f"{at}."),
         )
 
     def _effectiveness(self, row: Any) -> Effectiveness:

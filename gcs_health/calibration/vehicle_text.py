@@ -33,6 +33,8 @@ def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> st
         row["spin"] = SPIN[rotor.spin]
         if rotor.radius is not None:
             row["radius"] = rotor.radius
+        if rotor.propeller_mass is not None:
+            row["propeller_mass"] = rotor.propeller_mass
         rotors.append(row)
     document.add("rotor", rotors)
     for name in ("effectiveness", "motor", "telemetry", "baseline"):

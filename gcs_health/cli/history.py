@@ -20,7 +20,17 @@ from gcs_health.record.vehicle_history import VehicleHistory
 
 SCHEMA = "gcs_health.history/1"
 FLIGHT_COLUMNS = ("vehicle", "name", "flight", "started_us", "motor", "estimator", "quantity")
-RESULT_COLUMNS = ("value", "std", "spread", "samples", "valid", "status", "worst", "worst_probability")
+RESULT_COLUMNS = (
+    "value",
+    "std",
+    "spread",
+    "samples",
+    "valid",
+    "status",
+    "worst",
+    "worst_probability",
+    "balance_quality",
+)
 
 
 def run(options: argparse.Namespace) -> int:

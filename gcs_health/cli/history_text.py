@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
+from gcs_health.balance import grade
 from gcs_health.record.trends import Mean, Trend
 from gcs_health.record.vehicle_history import Line, Mended, VehicleHistory
 
@@ -45,6 +46,7 @@ def _line(line: Line, brief: bool) -> Iterator[str]:
     yield (
         f"  motor {line.motor}  {line.quantity} {_number(last.value * factor)}"
         f"{f' ± {_number(last.std * factor)}' if math.isfinite(last.std) else ''} {unit}".rstrip()
+        + (f" ({grade(line.balance_quality)})" if math.isfinite(line.balance_quality) else "")
         + f", {_count(len(line.points), 'flight')} since the baseline began ({line.estimator})"
     )
     if line.trend is not None:

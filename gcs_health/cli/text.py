@@ -5,6 +5,7 @@ import shutil
 import textwrap
 from typing import Any, NamedTuple
 
+from gcs_health.balance import grade
 from gcs_health.needs import Need
 from gcs_health.record.events import AlertEvent, SummaryEvent, VehicleEvent
 from gcs_health.survey import Survey, SystemSurvey, VehicleSurvey
@@ -115,11 +116,13 @@ class _Column(NamedTuple):
             return "-"
         known = row["final"] if _finite(row["final"]["value"]) else row["worst"]
         mark = " !" if _finite(known["failure_probability"]) and known["failure_probability"] > 0.9 else ""
-        return _spread(known, self.digits, self.unit) + mark
+        quality = known["balance_quality"]
+        named = f" {grade(quality).replace(' ', '')}" if _finite(quality) else ""
+        return _spread(known, self.digits, self.unit) + named + mark
 
 
 _COLUMNS = (
-    _Column(("unbalance",), "unbal. g mm", 1e-6, 1, 15),
+    _Column(("unbalance",), "unbal. g mm", 1e-6, 1, 21),
     _Column(("unbalance_relative",), "unbal. um", 1e-6, 1, 15),
     _Column(("drag",), "drag", 1.0, 2, 15),
     _Column(("degradation",), "degrad.", 1.0, 2, 15),

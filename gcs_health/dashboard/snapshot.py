@@ -30,6 +30,7 @@ class Figure:
     estimator, quantity, status : as in `estimators.contract`.
     together : motors that cannot be told apart, this one among them; empty if it can.
     trend : change a minute [unit of the quantity].
+    balance : of a propeller, in a workshop's words; empty where it is not known.
     """
 
     estimator: str
@@ -42,6 +43,7 @@ class Figure:
     detectable: float
     together: tuple[int, ...] = ()
     trend: float = NAN
+    balance: str = ""
 
     @property
     def known(self) -> bool:

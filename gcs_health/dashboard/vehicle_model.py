@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from gcs_health.airframe import Airframe
+from gcs_health.balance import words
 from gcs_health.dashboard.snapshot import NAN, SILENT, TRAIL, Figure, Level, RotorShot, Row, VehicleShot
 from gcs_health.dashboard.words import AUTOPILOT, mode_name
 from gcs_health.estimators.amplitude_model import ImuFilter, highpass_gain
@@ -226,6 +227,7 @@ class VehicleModel:
             estimate.detectable,
             together,
             change,
+            words(estimate.evidence) if estimate.quantity is Quantity.UNBALANCE else "",
         )
 
     def _trail_of(self, k: int, t: float) -> tuple[float, ...]:

@@ -7,8 +7,9 @@ Ghalamchi, Jia, Mueller, "Real-time vibration-based propeller fault diagnosis fo
 ``recommended``   order-tracked block powers, bounded fits, a verdict (`unbalance_recommended.py`)
 
 The estimate is m_u r_u [kg m] where the airframe has a mass, else m_u r_u / m_b [m], under its own quantity.
-Milligrams at the tip are in the evidence where the propeller's radius is known. All of them carry the
-structure's gain between shaft and IMU, which may be threefold: rank rotors, watch change.
+In the evidence are g mm, milligrams at the tip where the propeller's radius is known, and the balance quality grade
+where its mass is (`gcs_health.balance`). All of them carry the structure's gain between shaft and IMU, which may
+be threefold: rank rotors, watch change.
 
 Where no rotor speed is known no rotor's unbalance can be seen: `vibration_level.py` then compares the shaking
 with a healthy baseline of the same configuration, and the probability of damage is shared among all rotors.
@@ -21,6 +22,7 @@ from typing import ClassVar
 import numpy as np
 
 from gcs_health.airframe import Airframe
+from gcs_health.balance import figures
 from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.amplitude_model import ImuFilter
 from gcs_health.estimators.arrival import ArrivalOrder
@@ -46,7 +48,6 @@ __all__ = ["Baseline", "UnbalanceConfig", "UnbalanceEstimator"]
 
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = math.nan
-MILLIGRAM = 1e-6  # kg
 LARGEST_SIGMAS = 3.0  # within these of the largest estimate another rotor may be the largest
 Evidence = tuple[tuple[str, float | str], ...]
 
@@ -243,11 +244,13 @@ class UnbalanceEstimator:
         reasons: list[Reason],
         detectable: float = NAN,
         evidence: Evidence = (),
+        speed: float = NAN,
     ) -> Estimate:
-        """Return an estimate; value, std and detectable as m_u r_u / m_b [m]."""
-        radius = self.airframe.rotors[rotor].radius
-        if self.airframe.mass and radius and value == value:
-            evidence = (("tip_mass_mg", value * self._mass / radius / MILLIGRAM), *evidence)
+        """Return an estimate; value, std and detectable as m_u r_u / m_b [m]; `speed` [rad/s] is the usual one."""
+        if self.airframe.mass and value == value:
+            told = self.airframe.rotors[rotor]
+            balance = figures(value * self._mass, told.radius, told.propeller_mass, speed)
+            evidence = (*balance, *evidence)
         return Estimate(
             t,
             self.name,
@@ -306,7 +309,8 @@ class UnbalanceEstimator:
         if t - answer.t > self.config.old_after:
             reasons.append(self._recommended.gate or Reason.SETTLING)
         status = Status.CONVERGING if reasons else Status.VALID
-        return self._make(t, rotor, value, std, p, status, reasons, float(answer.seen[rotor]), evidence)
+        seen, speed = float(answer.seen[rotor]), float(answer.speed[rotor])
+        return self._make(t, rotor, value, std, p, status, reasons, seen, evidence, speed)
 
     def _motors(self, rotors: tuple[int, ...]) -> str:
         return " ".join(str(self.airframe.rotors[i].motor) for i in rotors)

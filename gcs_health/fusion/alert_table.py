@@ -1,7 +1,7 @@
 """The catalogue of alerts: every fact about a code stands here and nowhere else.
 
 Codes are public and stable. Severities are MAV_SEVERITY numbers (0 emergency ... 7 debug). A text has at most 80
-columns with the longest seat; `{percent}` is how sure the verdict is.
+columns with the longest seat; `{percent}` is how sure the verdict is, `{amount}` how large the fault, if known.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class AlertKind:
     ----------
     code : public name.
     severity : MAV_SEVERITY number.
-    text : one line of at most 80 columns; `{motor}`, `{seat}` and `{percent}` are filled in.
+    text : one line of at most 80 columns; `{motor}`, `{seat}`, `{percent}` and `{amount}` are filled in.
     advice : what to do.
     raise_at, clear_at : probability at which it is raised, and below which it may clear.
     clear_after : for how long [s, vehicle clock] it must stay below.
@@ -68,7 +68,7 @@ OF_KIND: dict[Kind, AlertKind] = {
     Kind.PROPELLER_UNBALANCED: AlertKind(
         "PROPELLER_UNBALANCED",
         4,
-        "motor {motor} ({seat}): propeller unbalanced, {percent} % sure",
+        "motor {motor} ({seat}): propeller unbalanced{amount}, {percent} % sure",
         _SERVICE + "balance or change the propeller.",
         clear_after=10.0,
     ),

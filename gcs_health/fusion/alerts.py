@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass
 
 from gcs_health.airframe import Airframe, Rotor
+from gcs_health.balance import amount
 from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
 from gcs_health.fusion.rules import Rules
@@ -239,8 +240,12 @@ class AlertDesk:
     ) -> Alert:
         row, rotor = episode.row, self._airframe.rotors[episode.rotor]
         belief = episode.told if state == "cleared" else probability
+        size = amount(evidence, "unbalance.")
         text = row.text.format(
-            motor=rotor.motor, seat=self._airframe.seat(episode.rotor), percent=min(99, int(100 * belief))
+            motor=rotor.motor,
+            seat=self._airframe.seat(episode.rotor),
+            percent=min(99, int(100 * belief)),
+            amount=f", {size}" if size else "",
         )
         if state == "cleared":
             text = f"motor {rotor.motor} ({self._airframe.seat(episode.rotor)}): {row.code} is over"

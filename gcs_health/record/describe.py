@@ -1,12 +1,14 @@
 """Airframes, estimates, verdicts and alerts as the event schema has them."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from gcs_health.airframe import Airframe
+from gcs_health.balance import QUALITY, words
 from gcs_health.clock import ClockNotice
 from gcs_health.clock import Kind as ClockNews
-from gcs_health.estimators.contract import REASON_TEXT, Estimate
+from gcs_health.estimators.contract import REASON_TEXT, Estimate, Quantity
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.record.events import AlertEvent, EstimateEvent, VerdictEvent
@@ -29,7 +31,15 @@ def estimate_event(estimate: Estimate, airframe: Airframe, t_unix_us: int, vehic
         estimate.status.value,
         tuple(reason.value for reason in estimate.reasons),
         estimate.detectable,
+        balance_quality(estimate),
     )
+
+
+def balance_quality(estimate: Estimate) -> float:
+    """Return ISO 21940-11's G [mm/s] of an estimated unbalance; NaN where it cannot be told."""
+    if estimate.quantity is not Quantity.UNBALANCE:
+        return math.nan
+    return float(dict(estimate.evidence).get(QUALITY, math.nan))
 
 
 def verdict_event(verdict: Verdict, airframe: Airframe, t_unix_us: int, vehicle: str) -> VerdictEvent:
@@ -111,6 +121,8 @@ def describe_state(estimate: Estimate) -> dict[str, Any]:
         "reasons": tuple(reason.value for reason in estimate.reasons),
         "why": "; ".join(REASON_TEXT[reason] for reason in estimate.reasons),
         "detectable": estimate.detectable,
+        "balance_quality": balance_quality(estimate),
+        "balance": words(estimate.evidence) if estimate.quantity is Quantity.UNBALANCE else "",
     }
 
 

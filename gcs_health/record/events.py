@@ -42,7 +42,10 @@ class VehicleEvent(NamedTuple):
 
 
 class EstimateEvent(NamedTuple):
-    """One estimate of one rotor; `rotor` is its 0-based ESC index, `motor` the autopilot's number."""
+    """One estimate of one rotor; `rotor` is its 0-based ESC index, `motor` the autopilot's number.
+
+    `balance_quality` is ISO 21940-11's G of an unbalance [mm/s]; NaN where it cannot be told.
+    """
 
     t: float
     t_unix_us: int
@@ -57,6 +60,7 @@ class EstimateEvent(NamedTuple):
     status: str
     reasons: tuple[str, ...]
     detectable: float
+    balance_quality: float = float("nan")
 
 
 class VerdictEvent(NamedTuple):

@@ -26,6 +26,7 @@ class RotorResult(NamedTuple):
     samples, valid : estimates; those of them that were valid.
     status : of the last one.
     worst, worst_t, worst_probability : the estimate with the highest failure probability.
+    balance_quality : ISO 21940-11's G of an unbalance [mm/s], mean of those valid estimates that have one.
     """
 
     motor: int
@@ -41,6 +42,7 @@ class RotorResult(NamedTuple):
     worst: float
     worst_t: float
     worst_probability: float
+    balance_quality: float = math.nan
 
 
 class FlightRecord(NamedTuple):
@@ -166,6 +168,8 @@ class _Sum:
     variances: float = 0.0
     status: str = ""
     worst: EstimateEvent | None = field(default=None)
+    qualities: float = 0.0  # sum of balance qualities [mm/s]
+    graded: int = 0
 
     def add(self, event: EstimateEvent) -> None:
         self.samples += 1
@@ -181,6 +185,9 @@ class _Sum:
         self.squares += step * (event.value - self.mean)
         if math.isfinite(event.std):
             self.variances += event.std**2
+        if math.isfinite(event.balance_quality):
+            self.qualities += event.balance_quality
+            self.graded += 1
 
     def result(self, motor: int, estimator: str, quantity: str) -> RotorResult:
         n, worst = self.valid, self.worst
@@ -198,4 +205,5 @@ class _Sum:
             worst.value if worst is not None else math.nan,
             worst.t if worst is not None else math.nan,
             worst.failure_probability if worst is not None else math.nan,
+            self.qualities / self.graded if self.graded else math.nan,
         )

@@ -40,6 +40,7 @@ class ResultRow(NamedTuple):
     status: str
     worst: float
     worst_probability: float
+    balance_quality: float
 
 
 class MarkRow(NamedTuple):

@@ -50,6 +50,7 @@ RESULT = Table(
     Column("worst", Double),
     Column("worst_t", Double),
     Column("worst_probability", Double),
+    Column("balance_quality", Double),
 )
 
 ALERT = Table(
@@ -107,4 +108,5 @@ STEPS: tuple[tuple[str, ...], ...] = (
             vehicle TEXT NOT NULL REFERENCES vehicle, motor INTEGER NOT NULL, at_us BIGINT NOT NULL,
             what TEXT NOT NULL, PRIMARY KEY (vehicle, motor, at_us))""",
     ),
+    ("ALTER TABLE result ADD COLUMN balance_quality DOUBLE PRECISION",),
 )

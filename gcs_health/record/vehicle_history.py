@@ -11,13 +11,17 @@ Series = tuple[int, str, str]  # motor, estimator, quantity
 
 
 class Line(NamedTuple):
-    """One quantity of one rotor since its last repair; `trend` is None with too few flights."""
+    """One quantity of one rotor since its last repair; `trend` is None with too few flights.
+
+    `balance_quality` is ISO 21940-11's G of an unbalance in the last flight [mm/s]; NaN where it cannot be told.
+    """
 
     motor: int
     estimator: str
     quantity: str
     points: tuple[Point, ...]
     trend: Trend | None
+    balance_quality: float
 
 
 class Mended(NamedTuple):
@@ -55,16 +59,20 @@ class VehicleHistory:
         results = [row for row in history.results(key) if motor in (None, row.motor)]
         marks = [mark for mark in history.marks(key) if motor in (None, mark.motor)]
         series: dict[Series, list[Point]] = {}
+        quality: dict[Series, float] = {}
         for row in results:
             if row.valid and row.started_us:  # what has no date has no place in a trend
                 point = Point(row.started_us, row.value, row.std)
-                series.setdefault((row.motor, row.estimator, row.quantity), []).append(point)
+                key_of = (row.motor, row.estimator, row.quantity)
+                series.setdefault(key_of, []).append(point)
+                quality[key_of] = row.balance_quality
         lines, mended = [], []
         for (number, estimator, quantity), points in sorted(series.items()):
             own = [mark for mark in marks if mark.motor == number]
             now = _between(points, own[-1].at_us if own else None, None)
             fitted = trend(now, quantity, limits.get(quantity)) if quantity in GROWING else None
-            lines.append(Line(number, estimator, quantity, now, fitted))
+            last = quality[number, estimator, quantity]
+            lines.append(Line(number, estimator, quantity, now, fitted, last))
             for k, mark in enumerate(own):
                 before = _between(points, own[k - 1].at_us if k else None, mark.at_us)
                 after = _between(points, mark.at_us, own[k + 1].at_us if k + 1 < len(own) else None)

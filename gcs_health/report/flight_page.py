@@ -139,19 +139,21 @@ def _sentences(
 
 
 def _rotor(rotor: dict[str, Any], states: dict[int, str]) -> dict[str, Any]:
-    values = {}
+    values, balance = {}, ""
     for quantity, (scale, digits) in SHOWN.items():
         for estimate in (e for e in rotor["estimates"] if e["quantity"] == quantity):
             state = estimate["final"] if _finite(estimate["final"]["value"]) else estimate["worst"]
             if _finite(state["value"]) and quantity not in values:
                 spread = f" ± {state['std'] / scale:.{digits}f}" if _finite(state["std"]) else ""
                 values[quantity] = f"{state['value'] / scale:.{digits}f}{spread}"
+                balance = state["balance"] or balance
     final = rotor["final"]
     return {
         "motor": rotor["motor"],
         "seat": rotor["seat"],
         "state": states[rotor["motor"]],
         "values": values,
+        "balance": balance,
         "telemetry": rotor["telemetry"],
         "worst": rotor["worst"]["failure_probability"],
         "status": final["status"] + (f": {final['why']}" if final["why"] else ""),

@@ -204,7 +204,7 @@ def test_every_kind_has_its_code_and_every_text_fits_a_line() -> None:
     assert set(OF_KIND) == set(FAULTS)
     assert len(CATALOGUE) == len(FAULTS) + 1
     for row in CATALOGUE.values():
-        text = row.text.format(motor=12, seat="front right bottom, CCW", percent=99)
+        text = row.text.format(motor=12, seat="front right bottom, CCW", percent=99, amount=", 12345 g mm")
         assert len(text) <= 80, text
         assert 0 <= row.severity <= 7
         assert row.advice.endswith(".")

@@ -134,17 +134,23 @@ def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
     with monkeypatch.context() as older:
         older.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
         old = History(path)
-        old.store(record(0, result(1, 2e-6)))
+        old.store(record(0, alerts=(alert(),)))
+        with old._transaction() as connection:  # as the version of then wrote it
+            connection.exec_driver_sql(
+                "INSERT INTO result (vehicle, flight, motor, estimator, quantity, rotor, value, samples, valid, "
+                f"status) VALUES ('00ab', 'us:{BEGAN}', 1, 'unbalance', 'unbalance', 0, 2e-6, 9, 9, 'valid')"
+            )
         with pytest.raises(StoreError, match="no such table: mark"):
             old.marks("00ab")
         old.close()
     new = History(path)
     assert new.marks("00ab") == []
-    assert len(new.results("00ab")) == 1
+    (kept,) = new.results("00ab")
+    assert (kept.value, math.isnan(kept.balance_quality)) == (2e-6, True)
     new.close()
     monkeypatch.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
     with pytest.raises(
-        ConfigError, match=r"a newer gcs-health wrote this history \(schema 2, this one knows 1\)"
+        ConfigError, match=r"a newer gcs-health wrote this history \(schema 3, this one knows 1\)"
     ):
         History(path)
 

@@ -96,6 +96,8 @@ def test_the_cut_propeller_is_named_and_measured(rotors: int, cut: int) -> None:
     assert found.std < 0.2 * DAMAGE
     evidence = dict(found.evidence)
     assert evidence["tip_mass_mg"] == pytest.approx(found.value / RADIUS * 1e6)
+    assert evidence["unbalance_g_mm"] == pytest.approx(found.value * 1e6)
+    assert evidence["balance_grade_lacks"] == "the propeller's mass"
     assert evidence["largest"] == str(craft.rotors[cut].motor)
     assert evidence["filter"] == "test"
 

@@ -43,6 +43,8 @@ def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[
             f"{figure.estimator:<15}{name:<18}{cell[0]:>8}{cell[1]:>8}{p:>9}{detectable:>9}  {figure.status}"
         )
         lines.append(fit(line(text), cells))
+        if figure.balance:
+            lines += wrap(figure.balance, cells, "dim", 0, 4)
         if figure.why:
             lines += wrap(figure.why, cells, "dim", 0, 4)
     room = rows - len(lines)
