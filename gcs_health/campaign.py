@@ -90,7 +90,7 @@ def fly(job: Job) -> Seen:
         job.seed,
         motor,
         at,
-        first.motor if first is not None else 0,
+        (first.motor or 0) if first is not None else 0,
         first.code if first is not None else "",
         first.t - at if first is not None else math.nan,
         early,

@@ -116,9 +116,8 @@ def _heard(job: tuple[str, str, MonitorConfig]) -> Variant:
     flight = replay(path, config, readings=False, estimates_every=60.0)
     first: dict[tuple[str, int, str], Heard] = {}
     for alert in flight.alerts:
-        first.setdefault(
-            (alert.vehicle, alert.motor, alert.code), Heard(alert.vehicle, alert.motor, alert.code, alert.t)
-        )
+        motor = alert.motor or 0
+        first.setdefault((alert.vehicle, motor, alert.code), Heard(alert.vehicle, motor, alert.code, alert.t))
     return Variant(name, flight.outcome, tuple(first.values()), "")
 
 

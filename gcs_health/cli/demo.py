@@ -113,7 +113,13 @@ class Told:
         what = f"the truth: {fault.kind.replace('_', ' ')} on motor {motor} at {at:.3f} s"
         for event in self._raised:
             if event.t >= at:
-                right = "right" if event.motor == motor else f"but it named motor {event.motor}"
+                right = (
+                    "right"
+                    if event.motor == motor
+                    else f"but it named motor {event.motor}"
+                    if event.motor
+                    else "but it named none"
+                )
                 return f"{what}; alert {(event.t - at) * 1e3:.0f} ms later, {right}"
         return f"{what}; no alert"
 

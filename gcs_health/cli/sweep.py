@@ -56,8 +56,9 @@ def sweep_text(name: str, swept: list[Variant]) -> str:
     for heard, count, first, last in found:
         word = "holds" if count == total else "luck" if count <= total / 2 else "wavers"
         where = "" if heard[:3] in recorded else ", not in the recording itself"
+        whose = f"motor {heard.motor}" if heard.motor else "no motor in particular"
         lines.append(
-            f"  {word:<8}{heard.code} of motor {heard.motor} ({heard.vehicle}): in {count} of {total}, "
+            f"  {word:<8}{heard.code} of {whose} ({heard.vehicle}): in {count} of {total}, "
             f"at {first:.2f} to {last:.2f} s{where}"
         )
         missing = [v.name for v in swept if heard[:3] not in {h[:3] for h in v.heard}]

@@ -50,7 +50,7 @@ class EntryBook:
                 severity=event.severity,
                 code=event.code,
                 text=before.text if event.state in ("cleared", "acknowledged", "shelved") else event.text,
-                motor=event.motor,
+                motor=event.motor or 0,
                 level=Level.FAILED if event.code in FAILED_CODES else Level.WARN,
                 probability=before.probability if cleared else event.probability,
                 open=not cleared,

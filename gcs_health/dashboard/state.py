@@ -236,9 +236,9 @@ def _acknowledge(state: State, snapshot: Snapshot) -> Result:
         return replace(state, said="no open alert to acknowledge"), ()
     if entry.acknowledged:
         return replace(state, said=f"{entry.code} was acknowledged already"), ()
-    return replace(state, said=f"acknowledged {entry.code} of motor {entry.motor}"), (
-        c.Acknowledge(entry.key),
-    )
+    return replace(
+        state, said=f"acknowledged {entry.code}" + (f" of motor {entry.motor}" if entry.motor else "")
+    ), (c.Acknowledge(entry.key),)
 
 
 def _shelve(state: State, snapshot: Snapshot) -> Result:

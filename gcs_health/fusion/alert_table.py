@@ -18,6 +18,7 @@ class AlertKind:
     code : public name.
     severity : MAV_SEVERITY number.
     text : one line of at most 80 columns; `{motor}`, `{seat}`, `{percent}` and `{amount}` are filled in.
+    unnamed : likewise where it is one of the rotors, but which one cannot be told; empty = then nothing is told.
     advice : what to do.
     raise_at, clear_at : probability at which it is raised, and below which it may clear.
     clear_after : for how long [s, vehicle clock] it must stay below.
@@ -36,6 +37,7 @@ class AlertKind:
     hold: float = 0.0
     latched: bool = False
     enabled: bool = True
+    unnamed: str = ""
 
 
 _LAND = "Land at once if control allows; do not take off again before the rotor is inspected."
@@ -71,6 +73,7 @@ OF_KIND: dict[Kind, AlertKind] = {
         "motor {motor} ({seat}): propeller unbalanced{amount}, {percent} % sure",
         _SERVICE + "balance or change the propeller.",
         clear_after=10.0,
+        unnamed="a propeller is unbalanced, which one cannot be told, {percent} % sure",
     ),
     Kind.DRAG_RISEN: AlertKind(
         "DRAG_RISEN",

@@ -8,7 +8,8 @@
 
 One alarm a cause: after a rotor has failed, what follows in the others (idling partners, contact, the crash) is not
 told as faults of their own; two exchanged rotors are one alarm; telemetry that all rotors lose at once is one
-link's fault, told once.
+link's fault, told once. A fault of one of the rotors, none of which can be named, is one episode of no rotor; once
+one is named, the episode is that rotor's.
 """
 
 import math
@@ -19,7 +20,7 @@ from gcs_health.balance import amount
 from gcs_health.fusion.alert_table import ROTOR_FAILED, AlertKind
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
 from gcs_health.fusion.rules import Rules
-from gcs_health.fusion.verdicts import Verdict
+from gcs_health.fusion.verdicts import NOBODY, Verdict
 
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
@@ -35,7 +36,7 @@ class Alert:
     t : vehicle clock [s] of the datum that caused it.
     number : the episode's number within its vehicle, from 1; all its steps share it.
     state : "raised", "escalated", "updated", "acknowledged", "shelved" or "cleared".
-    rotor : the rotor concerned.
+    rotor : the rotor concerned; None = one of them, which one cannot be told.
     probability : of the fault, 0..1.
     """
 
@@ -43,7 +44,7 @@ class Alert:
     number: int
     state: str
     kind: AlertKind
-    rotor: Rotor
+    rotor: Rotor | None
     probability: float
     text: str
     evidence: tuple[tuple[str, float | str], ...]
@@ -159,6 +160,11 @@ class AlertDesk:
         waiting.pop(key)
         if not waiting:
             del self._waiting[verdict.rotor]
+        unnamed = self._open.pop((NOBODY, family), None)
+        if unnamed is not None:  # now it is known whose it is
+            unnamed.rotor, unnamed.shelved_until = verdict.rotor, float("-inf")
+            self._open[verdict.rotor, family] = unnamed
+            return self._tell(verdict.t, unnamed, "escalated", probability, evidence)
         self.count += 1
         episode = _Episode(
             self.count, verdict.rotor, family, row, probability, verdict.t, probability, verdict.t
@@ -176,6 +182,8 @@ class AlertDesk:
 
     def _explained(self, rotor: int, family: frozenset[Kind]) -> bool:
         """Whether another rotor's failure is cause enough for what this one shows."""
+        if rotor == NOBODY and any(each.family == family for each in self._open.values()):
+            return True
         if family in _EXCHANGED:  # two rotors, one cause: whichever is seen first
             return any(each.rotor != rotor and each.family == family for each in self._open.values())
         return family != TELEMETRY and any(
@@ -238,17 +246,19 @@ class AlertDesk:
         probability: float,
         evidence: tuple[tuple[str, float | str], ...],
     ) -> Alert:
-        row, rotor = episode.row, self._airframe.rotors[episode.rotor]
+        row, named = episode.row, episode.rotor != NOBODY
+        rotor = self._airframe.rotors[episode.rotor] if named else None
+        seat = self._airframe.seat(episode.rotor) if named else ""
         belief = episode.told if state == "cleared" else probability
         size = amount(evidence, "unbalance.")
-        text = row.text.format(
-            motor=rotor.motor,
-            seat=self._airframe.seat(episode.rotor),
+        text = (row.text if named else row.unnamed).format(
+            motor=rotor.motor if rotor is not None else "",
+            seat=seat,
             percent=min(99, int(100 * belief)),
             amount=f", {size}" if size else "",
         )
         if state == "cleared":
-            text = f"motor {rotor.motor} ({self._airframe.seat(episode.rotor)}): {row.code} is over"
+            text = f"motor {rotor.motor} ({seat}): {row.code} is over" if rotor else f"{row.code} is over"
         return Alert(t, episode.number, state, row, rotor, probability, text, evidence)
 
 

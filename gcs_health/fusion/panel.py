@@ -13,6 +13,7 @@ from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estima
 from gcs_health.fusion.kinds import FAILED, Kind
 from gcs_health.fusion.load import Load
 from gcs_health.fusion.rules import Rules
+from gcs_health.fusion.shared import SharedUnbalance
 from gcs_health.fusion.verdicts import BOUND, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
 from gcs_health.samples import CommandReading, EscInfo, ImuReading, Reading, RotorReading
@@ -56,6 +57,7 @@ class RotorPanel:
         self._attribution = Attribution(airframe)
         self._commanded = Commanded(len(airframe.rotors))
         self._load = Load(len(airframe.rotors))
+        self._shared = SharedUnbalance([rotor.motor for rotor in airframe.rotors])
         self._heat: dict[int, EscHeat] = {}  # by ESC
         self._part_since: dict[int, float] = {}  # since when a part of a rotor's thrust is missing
 
@@ -111,16 +113,21 @@ class RotorPanel:
     def feed(self, estimates: Iterable[Estimate]) -> list[Alert]:
         """Take estimates; return what follows at once of the rotors whose failure some of them name."""
         told: list[Alert] = []
+        unbalances: list[Estimate] = []
         for estimate in estimates:
             evidence = from_estimate(estimate)
             if estimate.estimator == "effectiveness":
                 evidence = self._lasting(estimate, evidence)
+            elif estimate.estimator == "unbalance":
+                unbalances.append(estimate)
             if evidence is None:
                 continue
             self._beliefs[estimate.rotor].feed(evidence)
             named = estimate.failure_probability > 0.9 or Reason.MOTOR_STOPPED in estimate.reasons
             if named and evidence.sees_thrust:
                 told += self._judge(estimate.rotor, estimate.t)
+        if unbalances:
+            self._shared.feed(unbalances)
         return told
 
     def _lasting(self, estimate: Estimate, evidence: Evidence | None) -> Evidence | None:
@@ -161,6 +168,9 @@ class RotorPanel:
         for belief, verdict in zip(self._beliefs, self._judged, strict=True):
             if self._desk.concerned(verdict):
                 told += self._desk.feed(verdict, belief.figures())
+        shared = self._shared.verdict(t)
+        if shared is not None and self._desk.concerned(shared):
+            told += self._desk.feed(shared, self._shared.figures())
         return told
 
     def _excuse(self, t: float) -> None:
@@ -177,7 +187,8 @@ class RotorPanel:
             return "alone"
         believed = {self._airframe.rotors[v.rotor].motor for v in self._judged if v.of(kinds) > 0.5}
         if not believed:
-            return "alone"
+            shared = Kind.PROPELLER_UNBALANCED in kinds and self._shared.probability(self._judged[0].t) > 0.5
+            return "agrees" if shared else "alone"
         if word.motors and not believed & set(word.motors):
             return "contradicts"
         return "agrees"
@@ -193,6 +204,7 @@ class RotorPanel:
         self._attribution.new_flight()
         self._commanded.new_flight()
         self._load.new_flight()
+        self._shared.new_flight()
         self._part_since.clear()
         return self._desk.new_flight(t)
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
 
 NAN = float("nan")
+NOBODY = -1  # in place of a rotor: one of them, which one cannot be told
 WORTH_TELLING = 0.1  # change of probability
 BOUND = 12.0  # nats that one source may move a kind's odds
 

@@ -98,15 +98,18 @@ class AutopilotEvent(NamedTuple):
 
 
 class AlertEvent(NamedTuple):
-    """One step of an alert: raised, escalated, updated, acknowledged, shelved or cleared; MAV_SEVERITY."""
+    """One step of an alert: raised, escalated, updated, acknowledged, shelved or cleared; MAV_SEVERITY.
+
+    `rotor` and `motor` are None where it is one of the rotors and which one cannot be told.
+    """
 
     t: float
     t_unix_us: int
     vehicle: str
     id: str
     code: str
-    rotor: int
-    motor: int
+    rotor: int | None
+    motor: int | None
     state: str
     severity: int
     probability: float

@@ -127,7 +127,7 @@ class EvidenceWriter:
         kept, left_out = _affordable(flights)
         stem = self._stem or flights[-1][0].stem
         first = steps[0]
-        path = self._free(f"{stem}-{first.code}-motor{first.motor}-{first.id}")
+        path = self._free(f"{stem}-{first.code}-motor{first.motor or 'unnamed'}-{first.id}")
         manifest = {
             "schema": SCHEMA,
             "alert": as_object(first),

@@ -99,7 +99,9 @@ class History:
         results = [key | {k: _or_null(v) for k, v in r._asdict().items()} for r in record.results]
         wanted = {column.name for column in ALERT.columns} - set(key)
         alerts = [
-            key | {k: _or_null(v) for k, v in alert._asdict().items() if k in wanted}
+            key
+            | {k: _or_null(v) for k, v in alert._asdict().items() if k in wanted}
+            | {"motor": alert.motor or 0}
             for alert in record.alerts
         ]
         with self._transaction() as connection:

@@ -101,7 +101,7 @@ def _episodes(steps: list[AlertEvent]) -> list[dict[str, Any]]:
 
 def _states(summary: SummaryEvent, steps: list[AlertEvent]) -> dict[int, str]:
     """Return the state of each motor: fault if alerted, healthy if something valid was known of it, else unknown."""
-    faults = {step.motor for step in steps}
+    faults = {step.motor for step in steps if step.motor is not None}
     states = {}
     for rotor in _dicts(summary.rotors):
         known = any(
@@ -168,8 +168,9 @@ def _alert(flight: Flight, vehicle: str, episode: dict[str, Any], first: float) 
         "event": begun,
         "steps": [(clock(step.t, first), step.state, step.text) for step in episode["steps"]],
         "code": episode["last"].code,  # what it became known as
+        "motor": episode["last"].motor,
         "advice": CATALOGUE[episode["last"].code].advice if episode["last"].code in CATALOGUE else "",
-        "plot": Markup(plots.alert_plot(flight, vehicle, begun.motor, begun.t)),
+        "plot": Markup(plots.alert_plot(flight, vehicle, begun.motor or 0, begun.t)),
         "evidence": [(name, _shown(value)) for name, value in sorted(begun.evidence.items())],
     }
 

@@ -18,6 +18,7 @@ from gcs_health.sinks.contract import SinkError
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 ONBOARD_CONTROLLER, NO_AUTOPILOT, ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
+NO_ESC = 255  # esc_index of an alert that names no rotor; its motor is 0
 BEAT = 1.0  # s of vehicle time
 CHUNK = 50  # characters of one STATUSTEXT
 LINKS: dict[str, type[UdpLink] | type[TcpLink] | type[SerialLink]] = {
@@ -150,4 +151,5 @@ def rotor_alert(encoder: Encoder, event: AlertEvent) -> bytes:
 
 def _head(event: EstimateEvent | VerdictEvent | AlertEvent) -> dict[str, Any]:
     time_us = round(event.t * 1e6) if math.isfinite(event.t) else 0
-    return {"time_usec": max(time_us, 0), "motor": event.motor, "esc_index": event.rotor}
+    esc = event.rotor if event.rotor is not None else NO_ESC
+    return {"time_usec": max(time_us, 0), "motor": event.motor or 0, "esc_index": esc}

@@ -103,7 +103,7 @@ class Prometheus:
         self._verdict.labels(*rotor, event.kind).set(event.probability if event.known else math.nan)
 
     def _alert(self, event: AlertEvent) -> None:
-        labels = (event.vehicle, str(event.motor), event.code)
+        labels = (event.vehicle, str(event.motor or ""), event.code)
         before = self._open.get(event.id)
         if before is not None and before != labels:  # its kind became clear: another code
             self._active.labels(*before).set(0)

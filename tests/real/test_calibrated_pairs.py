@@ -6,7 +6,7 @@ import pytest
 
 from gcs_health.cli import main
 from gcs_health.pipeline import Monitor, MonitorConfig
-from gcs_health.record.events import EstimateEvent
+from gcs_health.record.events import AlertEvent, EstimateEvent
 from gcs_health.vehicle_file import load_vehicle
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -17,15 +17,16 @@ pytestmark = pytest.mark.skipif(
 QUAD = "udesa_quadcarbono_M1_"
 
 
-def damaged(flight: str, vehicle: Path) -> float:
-    """Return the highest probability that some propeller is damaged."""
+def damaged(flight: str, vehicle: Path) -> tuple[float, list[AlertEvent]]:
+    """Return the highest probability that some propeller is damaged, and what the operator is told."""
     monitor = Monitor(MonitorConfig(load_vehicle(str(vehicle)), ("unbalance",), stamped=True))
     events = monitor.feed((DATA / f"{flight}.tlog").read_bytes()) + monitor.finish()
     by_time: dict[float, list[float]] = {}
     for event in events:
         if isinstance(event, EstimateEvent) and event.failure_probability == event.failure_probability:
             by_time.setdefault(event.t, []).append(event.failure_probability)
-    return max(sum(each) for each in by_time.values())
+    told = [event for event in events if isinstance(event, AlertEvent)]
+    return max(sum(each) for each in by_time.values()), told
 
 
 @pytest.mark.parametrize(
@@ -43,4 +44,9 @@ def test_a_cut_propeller_is_told_from_a_healthy_one(
     out = tmp_path / "mine.toml"
     given = ["--vehicle", str(DATA / "vehicles" / geometry)] if geometry else []
     assert main(["calibrate", str(DATA / f"{healthy}.tlog"), *given, "-o", str(out)]) == 0
-    assert (damaged(flight, out) > 0.9) is cut
+    probability, told = damaged(flight, out)
+    assert (probability > 0.9) is cut
+    # no rotor speeds: that a propeller is unbalanced is known, which one is not
+    assert [(e.code, e.motor, e.rotor) for e in told if e.state == "raised"] == [
+        ("PROPELLER_UNBALANCED", None, None)
+    ] * cut

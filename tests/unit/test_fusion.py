@@ -11,6 +11,7 @@ from gcs_health.fusion.alert_table import CATALOGUE, OF_KIND
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.fusion.evidence import esc_info, esc_state, from_estimate
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.shared import SharedUnbalance
 from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState
 from gcs_health.samples import EscInfo
@@ -205,11 +206,69 @@ def test_every_kind_has_its_code_and_every_text_fits_a_line() -> None:
     assert len(CATALOGUE) == len(FAULTS) + 1
     for row in CATALOGUE.values():
         text = row.text.format(motor=12, seat="front right bottom, CCW", percent=99, amount=", 12345 g mm")
-        assert len(text) <= 80, text
+        assert max(len(text), len(row.unnamed.format(percent=99))) <= 80, text
         assert 0 <= row.severity <= 7
         assert row.advice.endswith(".")
         assert row.clear_at < row.raise_at
     assert set(FAILED) < set(FAULTS)
+
+
+def shared(t: float, p: float) -> Verdict:
+    """One of four rotors, each as likely."""
+    belief = SharedUnbalance([1, 2, 3, 4])
+    belief.feed([unbalanced(t, k, p / 4.0, Reason.NOT_IDENTIFIABLE) for k in range(4)])
+    found = belief.verdict(t)
+    assert found is not None
+    return found
+
+
+def unbalanced(t: float, rotor: int, p: float, *reasons: Reason) -> Estimate:
+    plain = Estimate(t, "unbalance", rotor, Quantity.UNBALANCE, NAN, NAN, p, Status.UNOBSERVABLE, reasons)
+    return plain if reasons else plain._replace(status=Status.VALID)
+
+
+def test_the_sum_over_the_suspects_counts_and_no_rotor_is_named() -> None:
+    (alert,) = AlertDesk(airframe(4)).feed(shared(1.0, 0.96))
+    assert (alert.kind.code, alert.rotor) == ("PROPELLER_UNBALANCED", None)
+    assert alert.text == "a propeller is unbalanced, which one cannot be told, 96 % sure"
+    belief = SharedUnbalance([5, 6, 7, 8])
+    belief.feed(
+        [unbalanced(1.0, k, 0.48 if k in (1, 3) else 0.003, Reason.NOT_IDENTIFIABLE) for k in range(4)]
+    )
+    assert belief.probability(1.0) == pytest.approx(0.96)
+    assert ("unbalance.one_of_motors", "6 8") in belief.figures()
+    assert math.isnan(belief.probability(9.0))  # nothing said of it for long
+
+
+def test_what_is_not_known_or_a_rotors_own_is_nobodys() -> None:
+    belief = SharedUnbalance([1, 2, 3, 4])
+    belief.feed([unbalanced(1.0, k, NAN, Reason.NO_BASELINE) for k in range(4)])
+    assert belief.verdict(1.0) is None
+    belief.feed([unbalanced(1.0, k, 0.95 if k == 2 else 0.003) for k in range(4)])
+    assert belief.probability(1.0) == 0.0
+    assert AlertDesk(airframe(4)).feed(shared(1.0, 0.8)) == []
+
+
+def test_once_a_rotor_is_named_the_same_episode_is_its() -> None:
+    desk = AlertDesk(airframe(4))
+    assert steps(desk.feed(shared(1.0, 0.95))) == [("raised", "PROPELLER_UNBALANCED", 1)]
+    (named,) = desk.feed(verdict(2.0, Kind.PROPELLER_UNBALANCED, 0.95, rotor=2))
+    assert (named.state, named.number, named.rotor) == ("escalated", 1, airframe(4).rotors[2])
+    assert desk.feed(shared(3.0, 0.95)) == []  # explained by the named one
+    (over,) = desk.feed(verdict(20.0, Kind.HEALTHY, 0.0, rotor=2)) or desk.feed(
+        verdict(31.0, Kind.HEALTHY, 0.0, rotor=2)
+    )
+    assert over.state == "cleared"
+
+
+def test_an_alert_of_no_rotor_clears_and_a_failed_rotor_explains_it() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(shared(1.0, 0.95))
+    assert desk.feed(shared(2.0, 0.02)) == []
+    (over,) = desk.feed(shared(12.5, 0.02))
+    assert (over.state, over.text) == ("cleared", "PROPELLER_UNBALANCED is over")
+    desk.feed(verdict(13.0, Kind.PROPELLER_LOST, 0.95, rotor=1))
+    assert desk.feed(shared(14.0, 0.99)) == []
 
 
 def test_the_documented_table_is_the_catalogue() -> None:

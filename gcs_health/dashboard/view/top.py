@@ -63,7 +63,7 @@ def worst_of(snapshot: Snapshot, vehicle: VehicleShot) -> tuple[Level, str]:
         return Level.UNKNOWN, f"silent {vehicle.silent:.0f} s"
     if alarm is not None:
         sign = "✗" if alarm.level is Level.FAILED else "!"
-        return alarm.level, f"{sign} {alarm.code} motor {alarm.motor}"
+        return alarm.level, f"{sign} {alarm.code} {_whose(alarm)}"
     level = max((rotor.level for rotor in vehicle.rotors), default=Level.UNKNOWN)
     return level, {Level.OK: "ok", Level.UNKNOWN: "? unknown", Level.WARN: "! look", Level.FAILED: "✗"}[level]
 
@@ -100,11 +100,15 @@ def _alarm(alarm: Entry, vehicle: VehicleShot, silent: str, cells: int) -> Line:
     loud = "acked" if alarm.acknowledged else "alarm" if alarm.level is Level.FAILED else "caution"
     sign = "✗" if alarm.level is Level.FAILED else "!"
     seen = "seen  " if alarm.acknowledged else "▌ "
-    left = line((f" {sign} {name} {seen}motor {alarm.motor} {seat}  {percent(alarm.probability)}", loud))
+    left = line((f" {sign} {name} {seen}{_whose(alarm)} {seat}  {percent(alarm.probability)}", loud))
     left += line((f"  since {clock(alarm.t)}", loud))
     right = line((f"{silent}  " if silent else "", loud), ("enter: why ", loud))
     filled = fit(left, cells - sum(len(text) for text, _ in right), loud)
     return (*filled, *right)
+
+
+def _whose(alarm: Entry) -> str:
+    return f"motor {alarm.motor}" if alarm.motor else "one of the motors"
 
 
 def _calm(vehicle: VehicleShot, cells: int) -> Line:

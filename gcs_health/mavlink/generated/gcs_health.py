@@ -469,7 +469,7 @@ setattr(MAVLink_rotor_health_message, "name", mavlink_msg_deprecated_name_proper
 
 class MAVLink_rotor_alert_message(MAVLink_message):
     """
-    One step of an alert about one rotor. The sender's system id is
+    One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is
     the vehicle's; STATUSTEXT has the same in words.
     """
 
@@ -999,7 +999,7 @@ class MAVLink(object):
 
     def rotor_alert_encode(self, time_usec: int, probability: float, id: int, motor: int, esc_index: int, state: int, severity: int, code: bytes) -> MAVLink_rotor_alert_message:
         """
-        One step of an alert about one rotor. The sender's system id is the
+        One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is the
         vehicle's; STATUSTEXT has the same in words.
 
         time_usec                 : Time of the step on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
@@ -1016,7 +1016,7 @@ class MAVLink(object):
 
     def rotor_alert_send(self, time_usec: int, probability: float, id: int, motor: int, esc_index: int, state: int, severity: int, code: bytes, force_mavlink1: bool = False) -> None:
         """
-        One step of an alert about one rotor. The sender's system id is the
+        One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is the
         vehicle's; STATUSTEXT has the same in words.
 
         time_usec                 : Time of the step on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
