@@ -9,7 +9,7 @@
 One alarm a cause: after a rotor has failed, what follows in the others (idling partners, contact, the crash) is not
 told as faults of their own; two exchanged rotors are one alarm; telemetry that all rotors lose at once is one
 link's fault, told once. A fault of one of the rotors, none of which can be named, is one episode of no rotor; once
-one is named, the episode is that rotor's.
+one is named, the episode is that rotor's. After the flight nothing new is told but what ESCs report.
 """
 
 import math
@@ -74,6 +74,7 @@ class AlertDesk:
         self.set_rules(rules or Rules())
         self._open: dict[tuple[int, frozenset[Kind]], _Episode] = {}
         self._waiting: dict[int, dict[Kind, float]] = {}  # since when, by rotor and family
+        self.landed = False  # a flight is over: what is told of it was told in it
         self.count = count
 
     @property
@@ -100,7 +101,7 @@ class AlertDesk:
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
         told = []
-        for family in FAMILIES:
+        for family in ON_GROUND if self.landed else FAMILIES:
             probability = verdict.of(family)
             episode = self._open.get((verdict.rotor, family))
             if episode is None:
@@ -133,6 +134,7 @@ class AlertDesk:
         told = [self._step(t, episode, "cleared", 0.0, ()) for episode in self._open.values()]
         self._open.clear()
         self._waiting.clear()
+        self.landed = False
         return told
 
     def _numbered(self, number: int) -> list[_Episode]:
@@ -266,3 +268,7 @@ FAILED_FAMILY = FAILED
 TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
 _EXCHANGED = (frozenset({Kind.ESC_MISATTRIBUTED}), frozenset({Kind.MOTOR_ORDER_WRONG}))
 FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
+ON_GROUND = (
+    frozenset({Kind.ESC_FAULT_REPORTED}),
+    frozenset({Kind.ESC_OVERHEATING}),
+)  # seen as well after landing

@@ -16,7 +16,7 @@ from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.shared import SharedUnbalance
 from gcs_health.fusion.verdicts import BOUND, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
-from gcs_health.samples import CommandReading, EscInfo, ImuReading, Reading, RotorReading
+from gcs_health.samples import CommandReading, EscInfo, FlightReading, ImuReading, Reading, RotorReading
 
 LIVE = (RotorState.FRESH, RotorState.STOPPED)
 DECIDES = 0.6  # s after a failure in which load and command tell its kind: then a quadrotor cuts its motors
@@ -59,6 +59,7 @@ class RotorPanel:
         self._load = Load(len(airframe.rotors))
         self._shared = SharedUnbalance([rotor.motor for rotor in airframe.rotors])
         self._heat: dict[int, EscHeat] = {}  # by ESC
+        self._flew = False
         self._part_since: dict[int, float] = {}  # since when a part of a rotor's thrust is missing
 
     @property
@@ -84,9 +85,28 @@ class RotorPanel:
             self._commanded.command(reading)  # type: ignore[arg-type]
         elif kind is RotorReading:
             return self._rotors(reading, flies())  # type: ignore[arg-type]
+        elif kind is FlightReading:
+            self._flight(reading)  # type: ignore[arg-type]
         return []
 
+    def _flight(self, reading: FlightReading) -> None:
+        """After a flight nothing new is raised from what was seen in it, however evidence lapses."""
+        flies = reading.armed is not False and reading.landed is not True
+        if flies is not self._desk.landed:
+            self._flew = self._flew or flies
+            return
+        if not (flies or self._flew):  # it has not been in the air
+            return
+        self._desk.landed = not flies
+        for belief in self._beliefs:
+            if flies:
+                belief.take_off()
+            else:
+                belief.land(reading.t)
+
     def _rotors(self, reading: RotorReading, flies: bool) -> list[Alert]:
+        if self._desk.landed:
+            return []
         failed = self._failed
         said: list[Evidence] = self._commanded.rotors(reading, flies)
         if failed is None:
@@ -112,6 +132,8 @@ class RotorPanel:
 
     def feed(self, estimates: Iterable[Estimate]) -> list[Alert]:
         """Take estimates; return what follows at once of the rotors whose failure some of them name."""
+        if self._desk.landed:
+            return []
         told: list[Alert] = []
         unbalances: list[Estimate] = []
         for estimate in estimates:
@@ -206,6 +228,7 @@ class RotorPanel:
         self._load.new_flight()
         self._shared.new_flight()
         self._part_since.clear()
+        self._flew = False
         return self._desk.new_flight(t)
 
     def acknowledge(self, number: int, t: float) -> list[Alert]:

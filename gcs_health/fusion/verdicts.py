@@ -17,6 +17,7 @@ from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
 NAN = float("nan")
 NOBODY = -1  # in place of a rotor: one of them, which one cannot be told
 WORTH_TELLING = 0.1  # change of probability
+ON_GROUND = frozenset({"esc_info"})  # sources that see as well after landing
 BOUND = 12.0  # nats that one source may move a kind's odds
 
 # prior odds against healthy, of one rotor at any moment: what maintenance records make plausible, and low enough that
@@ -158,6 +159,23 @@ class RotorBelief:
         return Verdict(
             t, self.rotor, kind, weights[kind] / total, weights, total, known, self._since, tuple(live)
         )
+
+    def land(self, t: float) -> None:
+        """Hold what is said at the end of a flight, for and against alike: none of it must lapse before the rest.
+
+        Nothing looks at thrust any more: what was healthy is unknown.
+        """
+        for source, said in list(self._evidence.items()):
+            if source in ON_GROUND:
+                continue
+            if t - said.t > said.lasts:
+                del self._evidence[source]
+            else:
+                self._evidence[source] = said._replace(lasts=math.inf, sees_thrust=False)
+
+    def take_off(self) -> None:
+        """Forget what was held since the landing."""
+        self._evidence = {source: said for source, said in self._evidence.items() if source in ON_GROUND}
 
     def new_flight(self) -> None:
         """Forget what was held for the flight."""

@@ -11,10 +11,11 @@ from gcs_health.fusion.alert_table import CATALOGUE, OF_KIND
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.fusion.evidence import esc_info, esc_state, from_estimate
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
+from gcs_health.fusion.panel import RotorPanel
 from gcs_health.fusion.shared import SharedUnbalance
 from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, RotorBelief, Verdict
-from gcs_health.rotor_telemetry import RotorState
-from gcs_health.samples import EscInfo
+from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
+from gcs_health.samples import EscInfo, FlightReading
 
 NAN = math.nan
 
@@ -269,6 +270,59 @@ def test_an_alert_of_no_rotor_clears_and_a_failed_rotor_explains_it() -> None:
     assert (over.state, over.text) == ("cleared", "PROPELLER_UNBALANCED is over")
     desk.feed(verdict(13.0, Kind.PROPELLER_LOST, 0.95, rotor=1))
     assert desk.feed(shared(14.0, 0.99)) == []
+
+
+PART = estimate(0.6, 0.05, 0.5, evidence=(("rule", "partial_loss"),))  # as effectiveness says it for 2 s
+AGAINST = Estimate(1.0, "motor_observer", 0, Quantity.EFFECTIVENESS, 1.0, 0.05, 1e-3, Status.VALID)
+
+
+def contradicted() -> RotorPanel:
+    """In flight, effectiveness names a rotor, and the motor observer says that its propeller is there."""
+    panel = RotorPanel(airframe(4))
+    assert panel.read(FlightReading(0.0, True, False), lambda: True) == []
+    for k in range(30):
+        t = 1.0 + 0.1 * k
+        assert panel.feed([PART._replace(t=t), AGAINST._replace(t=t)]) == []
+        assert panel.routine(t, RotorTelemetry(), True) == []
+    assert panel.verdicts[0].failed > 0.1  # all but told
+    return panel
+
+
+def judged_on(panel: RotorPanel, begin: float, flies: bool, *said: Estimate) -> list[tuple[str, str, int]]:
+    told = []
+    for k in range(40):
+        t = begin + 0.1 * k
+        told += panel.feed([each._replace(t=t) for each in said]) + panel.routine(t, RotorTelemetry(), flies)
+    return steps(told)
+
+
+def test_in_flight_the_lapse_of_what_spoke_against_it_lets_a_fault_be_told() -> None:
+    assert judged_on(contradicted(), 4.0, True, PART) == [("raised", "THRUST_LOSS", 1)]
+
+
+@pytest.mark.parametrize("over", [FlightReading(4.0, False, False), FlightReading(4.0, True, True)])
+def test_after_the_flight_nothing_is_raised_by_the_lapse_of_what_spoke_against_it(
+    over: FlightReading,
+) -> None:
+    panel = contradicted()
+    panel.read(over, lambda: False)
+    assert judged_on(panel, 4.0, False, PART) == []
+    assert panel.verdicts[1].state == "unknown"  # nobody looks any more
+    info = EscInfo(1, 1, 290, 0, 0, 0, 4, 0, 5, 15, (0, 4, 0, 0), (0,) * 4, (0.0, 120.0, 0.0, 0.0))
+    panel.esc_info(8.0, info)  # what an ESC reports now is no estimate of the flight
+    assert steps(panel.routine(8.0, RotorTelemetry(), False)) == [("raised", "ESC_OVERHEATING", 1)]
+
+
+def test_what_was_told_in_flight_stays_after_landing_and_the_next_flight_is_judged_anew() -> None:
+    panel = contradicted()
+    assert judged_on(panel, 4.0, True, PART) == [("raised", "THRUST_LOSS", 1)]
+    panel.read(FlightReading(8.0, False, True), lambda: False)
+    assert judged_on(panel, 8.0, False) == []
+    assert panel.verdicts[0].kind is Kind.THRUST_LOSS
+    assert steps(panel.new_flight(20.0)) == [("cleared", "THRUST_LOSS", 1)]
+    panel.read(FlightReading(20.1, True, True), lambda: False)
+    panel.read(FlightReading(21.0, True, False), lambda: True)
+    assert judged_on(panel, 22.0, True, PART) == [("raised", "THRUST_LOSS", 2)]
 
 
 def test_the_documented_table_is_the_catalogue() -> None:
