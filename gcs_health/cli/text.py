@@ -3,9 +3,11 @@
 import math
 import shutil
 import textwrap
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from gcs_health.balance import grade
+from gcs_health.fusion.detectable import sentence
 from gcs_health.needs import Need
 from gcs_health.record.events import AlertEvent, SummaryEvent, VehicleEvent
 from gcs_health.survey import Survey, SystemSurvey, VehicleSurvey
@@ -81,7 +83,6 @@ def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
     width = max(len(name) for name in names) + 2
     head = "".join(f"{column.title:<{column.width}}" for column in others)
     lines = [f"  {'motor':<{width}}{'effectiveness':<15}{'P(failed)':<11}{'worst':<7}{head}state"]
-    detectable = []
     for name, rotor in zip(names, rows, strict=True):
         shown = _of(rotor, ("effectiveness",)) or rotor
         final, worst = shown["final"], shown["worst"]
@@ -93,12 +94,18 @@ def _rotor_table(rotors: tuple[Any, ...]) -> list[str]:
             f"  {name:<{width}}{_spread(final, 2, 1.0):<15}{_number(final['failure_probability'], 2):<11}"
             f"{_number(worst['failure_probability'], 2):<7}{cells}{state}"
         )
-        for when in (final, worst):
-            if _finite(when["detectable"]):
-                detectable.append(when["detectable"])
-    if detectable:
-        lines.append(f"  smallest sudden loss that would be seen: {100 * min(detectable):.0f} % of a rotor")
+    seen = sentence(_detectable(rows))
+    if seen:
+        lines.append(f"  smallest fault of a rotor that would be seen: {seen}")
     return lines
+
+
+def _detectable(rotors: list[dict[str, Any]]) -> Iterator[tuple[str, str, float]]:
+    """Yield what would be seen of each quantity, at the end and at its worst."""
+    for rotor in rotors:
+        for each in rotor.get("estimates", ()):
+            for when in (each["final"], each["worst"]):
+                yield each["estimator"], each["quantity"], when["detectable"]
 
 
 class _Column(NamedTuple):

@@ -12,6 +12,7 @@ UNDECIDED = 0.89  # highest failure probability while the rules are not satisfie
 DECIDED = 0.9001  # lowest once they are
 NOT_DRIVEN = 0.99
 NINE_TO_ONE = math.log(9.0)  # odds of .9
+NINE_IN_TEN = 1.2816  # standard deviations
 SLOW_NOISE = 0.05  # of a ratio of means over a minute: sheet 5, section 6
 
 
@@ -173,4 +174,6 @@ def _drag(core: RecommendedObserver, rotor: int) -> Report:
     outside = normal_cdf((loss - rho) / std) + normal_cdf((rho - rise) / std)
     probability = max(min(outside, 1.0), DECIDED) if verdict else min(outside, UNDECIDED)
     evidence = (("rule", verdict or "drag_ratio"), ("ratio", rho), *evidence)
-    return Report(rho, std, probability, Status.VALID, (), 1.0 - loss, evidence)
+    # the rise of this rotor's drag that would be found in nine cases of ten
+    needed = max((rise + NINE_IN_TEN * std) / rho - 1.0, 0.0) if rho > 0.0 else NAN
+    return Report(rho, std, probability, Status.VALID, (), needed, evidence)

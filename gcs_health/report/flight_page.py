@@ -12,6 +12,7 @@ from gcs_health import __version__
 from gcs_health.estimators.contract import REASON_TEXT, Reason
 from gcs_health.flight import FINDINGS, HEALTHY, Flight
 from gcs_health.fusion.alert_table import CATALOGUE
+from gcs_health.fusion.detectable import sentence
 from gcs_health.record.events import AlertEvent, SummaryEvent, VehicleEvent
 from gcs_health.report import plots
 from gcs_health.report.drawing import airframe_svg
@@ -120,22 +121,24 @@ def _sentences(
     unknown = [motor for motor, state in states.items() if state == "unknown"]
     if flight.outcome == HEALTHY or (states and not unknown):
         said = [f"No fault found in any of {len(states)} rotors."]
-        seen = [
-            state["detectable"]
-            for rotor in _dicts(summary.rotors)
-            for e in rotor["estimates"]
-            if e["quantity"] == "effectiveness"
-            for state in (e["final"], e["worst"])
-            if _finite(state["detectable"])
-        ]
+        seen = sentence(each for rotor in _dicts(summary.rotors) for each in _detectable(rotor))
         if seen:
-            said.append(f"A sudden loss of {100 * min(seen):.0f} % of a rotor's thrust would have been seen.")
+            said.append(f"The smallest fault of a rotor that would have been seen: {seen}.")
         return said
     if unknown and len(unknown) < len(states):
         return [
             f"Nothing valid is known of motor {', '.join(map(str, unknown))}; no fault found in the others."
         ]
     return ["This flight could not be judged; below is what was missing."]
+
+
+def _detectable(rotor: dict[str, Any]) -> list[tuple[str, str, float]]:
+    """Return what would be seen of each quantity, at the end and at its worst."""
+    return [
+        (e["estimator"], e["quantity"], state["detectable"])
+        for e in rotor["estimates"]
+        for state in (e["final"], e["worst"])
+    ]
 
 
 def _rotor(rotor: dict[str, Any], states: dict[int, str]) -> dict[str, Any]:
@@ -154,6 +157,7 @@ def _rotor(rotor: dict[str, Any], states: dict[int, str]) -> dict[str, Any]:
         "state": states[rotor["motor"]],
         "values": values,
         "balance": balance,
+        "detectable": sentence(_detectable(rotor)),
         "telemetry": rotor["telemetry"],
         "worst": rotor["worst"]["failure_probability"],
         "status": final["status"] + (f": {final['why']}" if final["why"] else ""),

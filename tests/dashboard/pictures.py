@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+from gcs_health.balance import figures, words
 from gcs_health.dashboard.snapshot import (
     NAN,
     TRAIL,
@@ -63,9 +64,14 @@ def rotor(motor: int, place: tuple[float, float, float, int], level: Level = Lev
         NAN if unknown else 0.18,
     )
     shaking = Figure("unbalance", "unbalance", 3.1e-6 + 1e-7 * motor, 4e-7, 0.01, "valid", "", 9e-6, (), 2e-8)
+    shaking = replace(shaking, balance=words(figures(shaking.value, 0.12, 0.012, 520.0)))
     if motor in (1, 3):
         shaking = replace(
-            shaking, value=NAN, together=(1, 3), why="not identifiable: which rotor it is cannot be told"
+            shaking,
+            value=NAN,
+            balance="",
+            together=(1, 3),
+            why="not identifiable: which rotor it is cannot be told",
         )
     drag = Figure(
         "motor_observer", "drag", NAN, NAN, NAN, "unobservable", "no motor currents in the stream", NAN

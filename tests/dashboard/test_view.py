@@ -15,6 +15,7 @@ from gcs_health.dashboard.view.alerts import alert_list
 from gcs_health.dashboard.view.lines import beside, cut, fit, line, plain, sides, width, wrap
 from gcs_health.dashboard.view.link import blind_map
 from gcs_health.dashboard.view.plot import plot, sparkline
+from gcs_health.dashboard.view.rotor_page import rotor_page
 from gcs_health.dashboard.view.rotors import columns, table
 from gcs_health.dashboard.view.screen import render
 from gcs_health.dashboard.view.timeline import time_at, timeline
@@ -264,3 +265,9 @@ def test_columns_do_not_jump_with_the_values() -> None:
     other = texts(table(p.vehicle("quad", {1: Level.FAILED}).rotors, 100, False))
     assert one[3] == other[3]
     assert one[1] == other[1]
+
+
+def test_the_page_of_a_rotor_has_its_balance_and_the_smallest_fault_of_each_kind() -> None:
+    said = texts(rotor_page(p.vehicle("quad"), 2, 100, 40))
+    assert "    3.3 g mm (27.5 mg at the tip), G 250 at 4966 rpm" in said
+    assert "smallest fault seen now: thrust loss 18 %, unbalance 9 g mm, drag rise none" in said

@@ -6,6 +6,7 @@ from gcs_health.dashboard.snapshot import Level, VehicleShot
 from gcs_health.dashboard.view.lines import BLANK, Line, fill, fit, line, title, wrap
 from gcs_health.dashboard.view.trace import quarters
 from gcs_health.dashboard.words import clock, percent
+from gcs_health.fusion.detectable import sentence
 
 
 def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[Line]:
@@ -47,6 +48,9 @@ def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[
             lines += wrap(figure.balance, cells, "dim", 0, 4)
         if figure.why:
             lines += wrap(figure.why, cells, "dim", 0, 4)
+    seen = sentence((each.estimator, each.quantity, each.detectable) for each in rotor.figures)
+    if seen and rotor.level is not Level.FAILED:
+        lines.append(fit(line((f"smallest fault seen now: {seen}", "dim")), cells))
     room = rows - len(lines)
     if room >= 7 and vehicle.rows:
         concerned = vehicle.rotors.index(rotor)
