@@ -161,6 +161,7 @@ class Monitor:
                 }
             )
         notes = [*vehicle.clock.quality(), vehicle.imu.describe(vehicle.autopilot), *vehicle.rotors.notes()]
+        notes += vehicle.absorbed
         if vehicle.airframe is not None:
             notes += vehicle.airframe.warnings
         if vehicle.geometry.missing():

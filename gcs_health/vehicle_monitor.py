@@ -12,6 +12,7 @@ from gcs_health.estimator_bench import EstimatorBench
 from gcs_health.estimators.contract import Estimate
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
 from gcs_health.flight_phase import FlightPhase
+from gcs_health.fusion.absorbed import absorbed
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.autopilot_words import AutopilotWords
 from gcs_health.fusion.panel import RotorPanel
@@ -149,6 +150,13 @@ class VehicleMonitor:
     def verdicts(self) -> list[Verdict]:
         """The last verdict of every rotor; empty before the first."""
         return self._panel.verdicts if self._panel is not None else []
+
+    @property
+    def absorbed(self) -> tuple[str, ...]:
+        """What all rotors do alike and is no rotor's fault, in words."""
+        if self.airframe is None:
+            return ()
+        return absorbed(self.bank, self.airframe, self._panel.sag if self._panel else math.nan).words()
 
     @property
     def refused(self) -> dict[str, str]:

@@ -165,6 +165,7 @@ class VehicleShot:
     t : its clock [s]. silent : since the last byte of it [s].
     since : when it took off or armed [s]; NaN on the ground.
     unusable : why nothing can be estimated at all.
+    absorbed : what all rotors do alike and is no rotor's fault.
     sources : links that speak for it at the same time: more than one is a duplicate system id.
     requests : what `r` would send, in words; empty for nothing.
     messages : (name, Hz, loss) received in the last second or so.
@@ -186,6 +187,7 @@ class VehicleShot:
     unusable: str = ""
     airframe: str = ""
     warnings: tuple[str, ...] = ()
+    absorbed: tuple[str, ...] = ()
     clock: tuple[str, ...] = ()
     imu: str = ""
     imu_rate: float = NAN

@@ -148,6 +148,7 @@ class VehicleModel:
             unusable=watched.geometry.unusable() or watched.geometry.missing(),
             airframe=f"{frame.name} from {frame.source.value}" if frame is not None else "",
             warnings=frame.warnings if frame is not None else (),
+            absorbed=watched.absorbed,
             refused=tuple(watched.refused.items()),
             imu_rate=watched.imu.rate(),
             blind=self._blind_map(watched),

@@ -18,6 +18,7 @@ from gcs_health.fusion.verdicts import BOUND, Evidence
 from gcs_health.samples import CommandReading, RotorReading
 
 MEMORY, LEARN = 5.0, 2.0  # s, of the gains; and s of flight until they are believed
+EARLY = 10.0  # s of flight: against what they are then a sag is told
 WINDOW, HOLD, HOLD_UNDRIVEN, STALE = 0.3, 0.2, 0.1, 0.5  # s
 SLOW, UNDRIVEN, STANDS = 0.5, 0.8, 0.05  # of the speed that the command gives
 OFF = 0.1  # of the usual command: an order to stand
@@ -39,6 +40,7 @@ class Commanded:
         self._commands: deque[CommandReading] = deque(maxlen=64)
         self._gain, self._usual, self._current = [math.nan] * n, [math.nan] * n, [math.nan] * n
         self._flown = 0.0
+        self._early: list[float] | None = None  # gains once they were learned
         self._t = math.nan
         self._slow_since = [math.nan] * n
         self._speed, self._now = [math.nan] * n, [math.nan] * n
@@ -76,11 +78,21 @@ class Commanded:
             self._current[k] = _towards(self._current[k], self._now[k], share)
         if self._flown < LEARN:
             return []
+        if self._early is None and self._flown >= EARLY:
+            self._early = self._gain[:]
         known = sorted(gain for gain in gains if gain == gain)
         if len(known) < 3:
             return []
         common = known[len(known) // 2]
         return [said for k in range(self._n) if (said := self._judge(t, k, least[k], common)) is not None]
+
+    def sag(self) -> float:
+        """Return the speed of all rotors for the same command, against early in the flight [-]; NaN = not known."""
+        if self._early is None:
+            return math.nan
+        ratios = [now / then for now, then in zip(self._gain, self._early, strict=True)]
+        ratios = sorted(ratio for ratio in ratios if ratio == ratio)
+        return ratios[len(ratios) // 2] if ratios else math.nan
 
     def switched_off(self, rotor: int) -> bool:
         """Whether its last command was to stand."""

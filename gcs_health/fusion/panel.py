@@ -72,6 +72,11 @@ class RotorPanel:
         """The last verdict of every rotor; empty before the first."""
         return self._judged
 
+    @property
+    def sag(self) -> float:
+        """Rotor speed for the same command, against early in the flight [-]; NaN = not known, or a rotor failed."""
+        return self._commanded.sag() if self._failed is None else math.nan
+
     def read(self, reading: Reading, flies: Callable[[], bool]) -> list[Alert]:
         """Take what estimators take, for what is seen in the telemetry itself; return what follows at once.
 

@@ -51,6 +51,7 @@ def rotor_page(vehicle: VehicleShot, motor: int, cells: int, rows: int) -> list[
     seen = sentence((each.estimator, each.quantity, each.detectable) for each in rotor.figures)
     if seen and rotor.level is not Level.FAILED:
         lines.append(fit(line((f"smallest fault seen now: {seen}", "dim")), cells))
+    lines += [fit(line((f"all rotors: {said}", "dim")), cells) for said in vehicle.absorbed]
     room = rows - len(lines)
     if room >= 7 and vehicle.rows:
         concerned = vehicle.rotors.index(rotor)
