@@ -8,6 +8,7 @@ from gcs_health.estimators.contract import Estimate, Reason
 from gcs_health.fusion.alerts import Alert, AlertDesk
 from gcs_health.fusion.attribution import Attribution
 from gcs_health.fusion.autopilot_words import AutopilotWord, Opinion
+from gcs_health.fusion.battery import BatteryLoad
 from gcs_health.fusion.commanded import Commanded
 from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estimate, partial_loss
 from gcs_health.fusion.kinds import FAILED, Kind
@@ -16,7 +17,15 @@ from gcs_health.fusion.rules import Rules
 from gcs_health.fusion.shared import SharedUnbalance
 from gcs_health.fusion.verdicts import BOUND, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState, RotorTelemetry
-from gcs_health.samples import CommandReading, EscInfo, FlightReading, ImuReading, Reading, RotorReading
+from gcs_health.samples import (
+    BatteryReading,
+    CommandReading,
+    EscInfo,
+    FlightReading,
+    ImuReading,
+    Reading,
+    RotorReading,
+)
 
 LIVE = (RotorState.FRESH, RotorState.STOPPED)
 DECIDES = 0.6  # s after a failure in which load and command tell its kind: then a quadrotor cuts its motors
@@ -57,6 +66,7 @@ class RotorPanel:
         self._attribution = Attribution(airframe)
         self._commanded = Commanded(len(airframe.rotors))
         self._load = Load(len(airframe.rotors))
+        self._battery = BatteryLoad(len(airframe.rotors))
         self._shared = SharedUnbalance([rotor.motor for rotor in airframe.rotors])
         self._heat: dict[int, EscHeat] = {}  # by ESC
         self._flew = False
@@ -89,7 +99,10 @@ class RotorPanel:
             self._attribution.command(reading)  # type: ignore[arg-type]
             self._commanded.command(reading)  # type: ignore[arg-type]
         elif kind is RotorReading:
+            self._battery.rotors(reading)  # type: ignore[arg-type]
             return self._rotors(reading, flies())  # type: ignore[arg-type]
+        elif kind is BatteryReading:
+            return self._of_battery(reading, flies)  # type: ignore[arg-type]
         elif kind is FlightReading:
             self._flight(reading)  # type: ignore[arg-type]
         return []
@@ -108,6 +121,18 @@ class RotorPanel:
                 belief.take_off()
             else:
                 belief.land(reading.t)
+
+    def _of_battery(self, reading: BatteryReading, flies: Callable[[], bool]) -> list[Alert]:
+        failed = self._failed
+        if failed is None:
+            if flies():
+                self._battery.learn(reading)
+        elif not self._desk.landed and reading.t - self._desk.failed_at <= DECIDES:
+            said = self._battery.follow(reading, failed)
+            if said is not None:
+                self._beliefs[failed].feed(said)
+                return self._judge(failed, reading.t)
+        return []
 
     def _rotors(self, reading: RotorReading, flies: bool) -> list[Alert]:
         if self._desk.landed:
@@ -231,6 +256,7 @@ class RotorPanel:
         self._attribution.new_flight()
         self._commanded.new_flight()
         self._load.new_flight()
+        self._battery.new_flight()
         self._shared.new_flight()
         self._part_since.clear()
         self._flew = False
