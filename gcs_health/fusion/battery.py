@@ -6,7 +6,7 @@
         its variance is SPREAD² + (s sum w³ / w_k³)²
 
 A rotor without its propeller draws next to nothing. It is asked only of a rotor that was named by its thrust, and
-speaks for a lost propeller alone, with little weight: it names no rotor, is no faster than thrust, and a current that
+speaks for a lost propeller alone, with little weight: it names no rotor, manoeuvres scatter it, and a current that
 did not fall may be a sensor that lags. What else it could say is left out; `benchmarks/battery_current.md`.
 """
 
