@@ -123,6 +123,7 @@ class Airframe:
     motor: Motor = Motor()
     rotor_delay: float | None = None  # [s] to add to the stamps of rotor speeds; None = find in flight
     baseline: Baseline = Baseline()
+    vibration_models: tuple[str, ...] = ()  # files of trained models of its vibration (`gcs-health train`)
     warnings: tuple[str, ...] = ()
 
     def seat(self, rotor: int) -> str:

@@ -118,7 +118,7 @@ class AirframeParameters:
             return None
         # arms of whole metres are a pattern that nobody has measured: ground stations offer 1 and -1
         metric = not all(float(v).is_integer() for r in rotors for v in r.position[:2])
-        name = f"{count} rotors from CA_ROTOR parameters"
+        name = f"{count} rotors (CA_ROTOR)"
         return Airframe(name, tuple(rotors), AirframeSource.PARAMETERS, metric, warnings=tuple(warnings))
 
     def _upright(self, n: int) -> float:

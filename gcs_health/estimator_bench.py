@@ -1,6 +1,7 @@
 """The estimators of one vehicle, side by side: who is fed what, and what each has said at its worst."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError
@@ -19,6 +20,7 @@ class EstimatorBench:
     ----------
     names : of the registry.
     mode : "recommended" or "paper".
+    settings : further ones of an estimator, by its name.
 
     Attributes
     ----------
@@ -30,13 +32,19 @@ class EstimatorBench:
     AirframeError : none of them can work on this airframe.
     """
 
-    def __init__(self, airframe: Airframe, names: tuple[str, ...], mode: str) -> None:
+    def __init__(
+        self,
+        airframe: Airframe,
+        names: tuple[str, ...],
+        mode: str,
+        settings: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
         self.refused: dict[str, str] = {}
         self.worst: dict[Key, Estimate] = {}
         self._all: list[Estimator] = []
         for name in names:
             try:
-                self._all.append(load(name, airframe, mode))
+                self._all.append(load(name, airframe, mode, **(settings or {}).get(name, {})))
             except AirframeError as error:
                 self.refused[name] = str(error)
         if not self._all and self.refused:

@@ -14,6 +14,7 @@ SCHEMA = "gcs_health.vehicle/1"
 MIN_ROTORS, MAX_ROTORS = 3, 12
 
 _TOP = {"schema", "name", "mass", "inertia", "rotor", "effectiveness", "motor", "telemetry", "baseline"}
+_TOP |= {"vibration"}
 _ROTOR = {"motor", "esc", "position", "spin", "radius", "propeller_mass"}
 _EFFECTIVENESS = {"roll", "pitch", "yaw", "yaw_inertia", "thrust"}
 _STD = "std"  # sub-table of a table that `calibrate` wrote
@@ -40,14 +41,15 @@ def load_vehicle(path: str | Path) -> Airframe:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise AirframeError(f"{path}: not valid TOML: {error}") from None
-    return _Reader(path.name).airframe(table)
+    return _Reader(path).airframe(table)
 
 
 class _Reader:
     """Checks a parsed file; `_at` names file and key in every complaint."""
 
-    def __init__(self, file: str) -> None:
-        self._file = file
+    def __init__(self, path: Path) -> None:
+        self._file = path.name
+        self._folder = path.parent
 
     def airframe(self, table: dict[str, Any]) -> Airframe:
         self._keys(table, _TOP, "")
@@ -68,6 +70,7 @@ class _Reader:
             motor=self._motor(table.get("motor", {})),
             rotor_delay=self._telemetry(table.get("telemetry", {})),
             baseline=self._baseline(table.get("baseline", {}), len(rotors)),
+            vibration_models=self._models(table.get("vibration", {})),
         )
 
     def _rotors(self, rows: Any) -> tuple[Rotor, ...]:
@@ -119,6 +122,15 @@ class _Reader:
     def _telemetry(self, row: Any) -> float | None:
         row = self._table(row, "telemetry", {"rotor_delay"})
         return self._number(row["rotor_delay"], "telemetry.rotor_delay") if "rotor_delay" in row else None
+
+    def _models(self, row: Any) -> tuple[str, ...]:
+        names = self._table(row, "vibration", {"models"}).get("models", [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            self._fail("vibration.models", f"expected a list of file names, got {names!r}")
+        for name in names:
+            if name != Path(name).name or not (self._folder / name).is_file():
+                self._fail("vibration.models", f"expected the names of files beside this one, got {name!r}")
+        return tuple(str(self._folder / name) for name in names)
 
     def _baseline(self, row: Any, rotors: int) -> Baseline:
         spreads = row.get(_STD, {}) if isinstance(row, dict) else {}

@@ -362,7 +362,7 @@ class VehicleMonitor:
     def _adopt(self, airframe: Airframe) -> None:
         """Take an airframe; the estimator starts anew, what went before was under another geometry."""
         try:
-            bench = EstimatorBench(airframe, self.config.estimators, self.config.mode)
+            bench = EstimatorBench(airframe, self.config.estimators, self.config.mode, self.config.settings)
         except AirframeError as error:
             self.geometry.refused = str(error)
             if airframe.source is AirframeSource.FILE:

@@ -1,6 +1,7 @@
 """The vehicle file that a calibration writes: geometry as it was, what was learned beside it, in TOML."""
 
 import math
+from pathlib import Path
 
 import tomlkit
 from tomlkit.items import Table
@@ -16,7 +17,7 @@ LISTS = ("hover_speed", "hover_command", "weight_offset", "unbalance")
 def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> str:
     """Return the vehicle file; `origin` says from what it was made, in its first line.
 
-    What was given in the airframe and not found anew stays as it was.
+    What was given in the airframe and not found anew stays as it was; trained models are to lie beside the file.
     """
     document = tomlkit.document()
     document.add(tomlkit.comment(origin))
@@ -41,6 +42,10 @@ def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> st
         table = _table(name, airframe, [finding for finding in findings if finding.table == name])
         if len(table):
             document.add(name, table)
+    if airframe.vibration_models:
+        models = tomlkit.table()
+        models["models"] = [Path(name).name for name in airframe.vibration_models]
+        document.add("vibration", models)
     return tomlkit.dumps(document)
 
 

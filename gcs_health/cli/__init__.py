@@ -16,6 +16,7 @@ from gcs_health.cli.log_commands import add_log_commands
 from gcs_health.errors import GcsHealthError
 from gcs_health.estimators import REGISTRY
 
+AXES = ("ax", "ay", "az", "p", "q", "r")  # of the IMU
 DONE, BUG, BAD_INPUT, ALERT, INTERRUPTED = 0, 1, 2, 3, 130
 
 _DESCRIPTION = """\
@@ -180,6 +181,26 @@ def _parser() -> argparse.ArgumentParser:
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )
 
+    train = commands.add_parser(
+        "train", help="from flights of known degradation, a model of the vehicle's vibration"
+    )
+    train.add_argument(
+        "files",
+        nargs="+",
+        metavar="FLIGHT.tlog",
+        help="of one kind of vehicle, a FLIGHT.truth.json beside each",
+    )
+    train.add_argument("-o", "--output", required=True, metavar="MODEL.npz")
+    train.add_argument("--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters")
+    train.add_argument("--regime", default="unnamed", help="how and in what air they were flown, in words")
+    train.add_argument(
+        "--channels",
+        type=_channels,
+        default=AXES,
+        metavar="az,p,q",
+        help="signals of the IMU, of ax,ay,az,p,q,r (default: all)",
+    )
+
     detect = commands.add_parser("detectability", help="which faults would be found on this airframe")
     detect.add_argument("files", nargs="+", metavar="HEALTHY.tlog")
     detect.add_argument(
@@ -253,6 +274,13 @@ def _parser() -> argparse.ArgumentParser:
     _screen_options(demo)
     add_log_commands(commands, _config_options)
     return parser
+
+
+def _channels(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    if not set(names) <= set(AXES):
+        raise argparse.ArgumentTypeError(f"expected signals of {','.join(AXES)}, got {text!r}")
+    return names
 
 
 def _screen_options(parser: argparse.ArgumentParser) -> None:

@@ -1,21 +1,19 @@
 """`gcs-health calibrate`: from healthy flights, the vehicle file with all that the estimators need."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from gcs_health import __version__
-from gcs_health.airframe import Airframe, AirframeSource
+from gcs_health.airframe import Airframe
 from gcs_health.calibration.columns import columns
 from gcs_health.calibration.control_gains import control_gains
 from gcs_health.calibration.findings import Finding, pool
 from gcs_health.calibration.hover import hover
 from gcs_health.calibration.vehicle_text import vehicle_text
 from gcs_health.cli import DONE
+from gcs_health.cli.recorded import recorded_flight
 from gcs_health.errors import ConfigError, LogError
 from gcs_health.estimators.healthy_baseline import healthy_baseline
-from gcs_health.mavlink.tlog import open_log
-from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.samples import Reading
 from gcs_health.vehicle_file import load_vehicle
 
@@ -25,7 +23,10 @@ def run(options: argparse.Namespace) -> int:
     given = load_vehicle(options.vehicle) if options.vehicle else None
     airframe, flights = None, []
     for name in options.files:
-        seen, readings = _flight(name, given)
+        flight = recorded_flight(name, given)
+        seen, readings = flight.airframe, flight.readings
+        if flight.alerts:
+            raise LogError(f"{name}: not a healthy flight: {flight.alerts[0].text}")
         if airframe is not None and seen.rotors != airframe.rotors:
             raise LogError(f"{name}: its rotors are not those of {options.files[0]}: another vehicle")
         airframe = seen
@@ -40,41 +41,11 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"{options.output}: cannot write: {error.strerror}") from None
     for finding in findings:
         print(_line(finding))
+    for model in map(Path, airframe.vibration_models):
+        if not Path(options.output).with_name(model.name).exists():
+            print(f"vibration.models           copy {model} beside {options.output}")
     print(f"{options.output}: {sum(finding.found for finding in findings)} of {len(findings)} identified")
     return DONE
-
-
-def _flight(name: str, given: Airframe | None) -> tuple[Airframe, list[Reading]]:
-    """Read one flight.
-
-    Raises
-    ------
-    LogError : nothing to learn from: no vehicle, no geometry, or an alert in it.
-    """
-    readings: dict[str, list[Reading]] = {}
-    with open_log(name) as log:
-        monitor = Monitor(
-            MonitorConfig(
-                airframe=given,
-                stamped=log.stamped,
-                tap=lambda vehicle, reading: readings.setdefault(vehicle, []).append(reading),
-            )
-        )
-        for block in log.blocks():
-            monitor.feed(block)
-        monitor.finish()
-    vehicles = [vehicle for vehicle in monitor.vehicles() if vehicle.airframe is not None]
-    if not vehicles:
-        raise LogError(f"{name}: no vehicle whose geometry is known; give --vehicle FILE.toml")
-    if len(vehicles) > 1:
-        print(f"{name}: {len(vehicles)} vehicles; taking {vehicles[0].vehicle}", file=sys.stderr)
-    vehicle = vehicles[0]
-    assert vehicle.airframe is not None
-    if vehicle.alerts:
-        raise LogError(f"{name}: not a healthy flight: {vehicle.alerts[0].text}")
-    if vehicle.airframe.source is AirframeSource.ASSUMED:
-        raise LogError(f"{name}: the geometry is only assumed; give --vehicle FILE.toml")
-    return vehicle.airframe, readings.get(vehicle.vehicle, [])
 
 
 def _findings(name: str, readings: list[Reading], airframe: Airframe) -> list[Finding]:

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import TYPE_CHECKING, Protocol, Self, TextIO
 
+from gcs_health.airframe import Airframe
 from gcs_health.cli.text import alert_line, notice_line, summary_text
 from gcs_health.config import load_config
 from gcs_health.errors import ConfigError
@@ -18,6 +19,9 @@ from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.append_file import AppendFile
 from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
 from gcs_health.vehicle_file import load_vehicle
+
+if TYPE_CHECKING:
+    from gcs_health.estimators.pooled_ar_model import PooledModel
 
 KEY_LENGTH = 32
 
@@ -46,14 +50,24 @@ def monitor_config(options: argparse.Namespace) -> MonitorConfig:
     AirframeError, ConfigError : a file named in the options cannot be used.
     """
     path = config_path(options)
+    airframe = load_vehicle(options.vehicle) if options.vehicle else None
     return MonitorConfig(
-        airframe=load_vehicle(options.vehicle) if options.vehicle else None,
+        airframe=airframe,
         estimators=options.estimators,
         mode=options.mode,
         estimate_rate=options.estimate_rate,
         keys=(_key(options.signing_key),) if options.signing_key else (),
         rules=load_config([path] if path else []).book,
+        vibration_models=_models(airframe) if "pooled_ar" in options.estimators else (),
     )
+
+
+def _models(airframe: Airframe | None) -> tuple["PooledModel", ...]:
+    if airframe is None or not airframe.vibration_models:
+        return ()
+    from gcs_health.estimators.pooled_ar_file import load
+
+    return tuple(load(Path(name)) for name in airframe.vibration_models)
 
 
 def config_path(options: argparse.Namespace) -> Path | None:

@@ -18,6 +18,7 @@ from gcs_health.record.history_keeper import HistoryKeeper, StoreError
 from gcs_health.record.recorder import Recorder
 from gcs_health.sinks import parse_sink
 from gcs_health.sinks.outlet import Outlet
+from gcs_health.vehicle_file import load_vehicle
 
 if TYPE_CHECKING:
     from gcs_health.record.history import History
@@ -114,8 +115,12 @@ def _writer(
     members = {}
     for name, member in FILE_OPTIONS.items():
         if path := config_path(options) if name == "config" else getattr(options, name):
-            members[member] = Path(path).read_text(encoding="utf-8")
+            members[member] = Path(path).read_bytes()
             configuration[name] = member
+    if options.vehicle:
+        models = {Path(name).name: Path(name) for name in load_vehicle(options.vehicle).vibration_models}
+        members |= {name: path.read_bytes() for name, path in models.items()}
+        configuration["vibration_models"] = list(models)
     return EvidenceWriter(folder, lambda: recorder.flights, stem, configuration, members, _versions())
 
 
@@ -143,9 +148,11 @@ def options_for(options: argparse.Namespace, log: str) -> Iterator[argparse.Name
         merged.config = "none"  # the packet's alert was not raised under the rules of whoever replays it
     with tempfile.TemporaryDirectory() as place:
         for name, member in FILE_OPTIONS.items():
-            text = packet.text(member)
-            if text is not None and not getattr(options, name):
+            content = packet.read(member)
+            if content is not None and not getattr(options, name):
                 path = Path(place) / member
-                path.write_text(text, encoding="utf-8")
+                path.write_bytes(content)
                 setattr(merged, name, str(path))
+        for model in said.get("vibration_models", ()):
+            (Path(place) / Path(model).name).write_bytes(packet.read(Path(model).name) or b"")
         yield merged

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from gcs_health.cli import DONE
 from gcs_health.cli.monitoring import monitor_config
+from gcs_health.cli.receivers import options_for
 from gcs_health.flight import replay
 from gcs_health.report.flight_page import flight_page
 from gcs_health.report.page import print_to_pdf, write
@@ -13,7 +14,9 @@ from gcs_health.report.page import print_to_pdf, write
 def run(options: argparse.Namespace) -> int:
     """Replay the flight and write its page."""
     page = Path(options.output)
-    write(page, flight_page(replay(options.file, monitor_config(options))))
+    with options_for(options, options.file) as chosen:
+        flight = replay(options.file, monitor_config(chosen))
+    write(page, flight_page(flight))
     print(page)
     if options.pdf:
         pdf = page.with_suffix(".pdf")

@@ -18,8 +18,10 @@ REGISTRY: dict[str, tuple[str, str]] = {
 }
 
 
-def load(name: str, airframe: "Airframe", mode: str = "recommended") -> "Estimator":
+def load(name: str, airframe: "Airframe", mode: str = "recommended", **settings: object) -> "Estimator":
     """Return a new estimator by its registry name, in its "recommended" or "paper" mode.
+
+    Further `settings` are its own.
 
     Raises
     ------
@@ -28,5 +30,5 @@ def load(name: str, airframe: "Airframe", mode: str = "recommended") -> "Estimat
     """
     module, attribute = REGISTRY[name]
     kind = getattr(import_module(module), attribute)
-    made: Estimator = kind(airframe, kind.Config(mode=mode))
+    made: Estimator = kind(airframe, kind.Config(mode=mode, **settings))
     return made

@@ -29,6 +29,8 @@ class RecommendedConfig:
     ticks: int = 2  # successive ticks that must agree
     ticks_slow: int = 3  # with slow rotor speeds
     slow_rotor_speeds: float = 0.04  # s between them
+    freed: float = 1.03  # from one slow sample to the next, of a rotor that has lost its load; this project
+    lasting: float = 1.3  # intervals between slow samples after which a loss needs no such sign; this project
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
     shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away

@@ -328,7 +328,8 @@ class RecommendedBank:
             self._frozen_since = math.nan
         rotor, row = self._row
         slow = self.track.interval > c.slow_rotor_speeds
-        if verdict.passes and self.gate.verdicts and not self.contradicted:
+        passes = verdict.passes and self.gate.verdicts and not self.contradicted
+        if passes and not (slow and self._may_be_motion(verdict)):
             row = row + 1 if verdict.rotor == rotor else 1
             if final and not slow and self._held_pass == (t, verdict.rotor):
                 row += 1  # passed on held speeds, and again now that they are known
@@ -338,6 +339,21 @@ class RecommendedBank:
             row = 0
         self._row = (verdict.rotor, row)
         return row >= (c.ticks_slow if slow else c.ticks) and self._decide(verdict, t)
+
+    def _may_be_motion(self, verdict: Verdict) -> bool:
+        """Whether what looks like a loss may be an order shorter than the time between slow speeds.
+
+        Such an order leaves the rotor slower, or as it was; one that has lost its load turns faster. Where commands
+        come they tell.
+        """
+        c, interval = self.config, self.track.interval
+        lasted = verdict.ticks * self.tick_length
+        if self.commanded.trusted or lasted >= min(
+            c.lasting * interval, c.bank.window - 1.5 * self.tick_length
+        ):
+            return False
+        before, now = self.track.last_two(verdict.rotor)
+        return now < c.freed * before
 
     def _decide(self, verdict: Verdict, t: float) -> bool:
         """Name the rotor, if the geometry bears it; return whether anything is decided."""

@@ -1,20 +1,22 @@
 """Flights whose truth is known: what a pooled model is trained on."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.errors import ConfigError
-from gcs_health.samples import BoomReading, ImuReading, Reading
+from gcs_health.samples import BoomReading, FlightReading, ImuReading, Reading, RotorReading
 
 Array = NDArray[np.float64]
 BOOM = "boom"  # the channel that is each rotor's own boom sensor
 IMU = ("ax", "ay", "az", "p", "q", "r")
 GAP = 1.6  # sample steps beyond which a stretch ends
 SHORTEST = 100  # samples that make a stretch
+SPEED_STEP = 0.1  # s between rotor speeds
+TURNS = 0.5  # of the usual speed: the slowest rotor of a vehicle in the air
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,3 +85,86 @@ def labelled(
     close(imu, ImuReading)
     close(booms, BoomReading)
     return out
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What is true of a whole flight: `rotor` (index) runs at 1 - k of its command from `since` [s] on.
+
+    Healthy before; healthy throughout where k = 0.
+    """
+
+    rotor: int
+    k: float
+    since: float = math.inf
+
+
+def flown(
+    readings: Sequence[Reading], vehicle: str, label: Label, rate: float, settle: float = 6.0
+) -> list[LabelledFlight]:
+    """Cut what a labelled flight teaches out of its readings: in the air, `settle` s after take-off and onset.
+
+    With the rotor speeds of those times at 10 Hz, in the order of the rotors, where all of them are told.
+    """
+    start, stop = _in_the_air(readings)
+    start += settle
+    if label.k > 0.0:
+        start = max(start, label.since + settle)
+    speeds = _even_speeds(readings, start, stop)
+    cut = labelled(readings, vehicle, label.rotor, label.k, rate, start, stop)
+    return [replace(flight, speeds=speeds) if flight.booms is None else flight for flight in cut]
+
+
+def _in_the_air(readings: Sequence[Reading]) -> tuple[float, float]:
+    """Return between which times [s] it flew: as the autopilot says, else as long as its rotors turned."""
+    told = [r for r in readings if isinstance(r, FlightReading) and r.landed is not None]
+    up = next((r.t for r in told if r.landed is False), None)
+    if up is not None:
+        return up, next((r.t for r in told if r.t > up and r.landed), math.inf)
+    slowest = [(r.t, min(r.speed)) for r in readings if isinstance(r, RotorReading) and min(r.speed) > 0.0]
+    if not slowest:
+        return -math.inf, math.inf
+    usual = float(np.median([speed for _, speed in slowest]))
+    turning = [t for t, speed in slowest if speed > TURNS * usual]
+    return turning[0], turning[-1]
+
+
+def _even_speeds(readings: Sequence[Reading], start: float, stop: float) -> Array | None:
+    """Return (m, rotors) speeds every 0.1 s [rad/s]; None where some rotor's are never told."""
+    told = [(r.t, *r.speed) for r in readings if isinstance(r, RotorReading) and start <= r.t <= stop]
+    rows = np.array(told)
+    if len(rows) < 2 or not np.isfinite(rows).any(axis=0).all():
+        return None
+    t = np.arange(rows[0, 0], rows[-1, 0], SPEED_STEP)
+    known = [np.isfinite(column) for column in rows.T[1:]]
+    return np.stack(
+        [np.interp(t, rows[k, 0], column[k]) for k, column in zip(known, rows.T[1:], strict=True)], axis=1
+    )
+
+
+Split = tuple[list[LabelledFlight], list[LabelledFlight], list[LabelledFlight]]
+
+
+def split(flights: Sequence[tuple[Label, Sequence[LabelledFlight]]]) -> Split:
+    """Share out whole flights: to fit, held out, and healthy ones for the threshold.
+
+    Of the levels every other one is held out, never the first or the last; of healthy flights the first of four is
+    fitted, the second held out, the others set the threshold.
+
+    Raises
+    ------
+    ConfigError : too few healthy flights or levels.
+    """
+    healthy = [cut for label, cut in flights if label.k == 0.0]
+    if len(healthy) < 3:
+        raise ConfigError(f"training: expected three healthy flights at least, got {len(healthy)}")
+    levels = sorted({label.k for label, _ in flights if label.k > 0.0})
+    if len(levels) < 3:
+        got = ", ".join(f"{k:g}" for k in levels) or "none"
+        raise ConfigError(f"training: expected three levels of degradation at least, got {got}")
+    held_levels = set(levels[1:-1:2])
+    fitted = [one for label, cut in flights if label.k > 0.0 and label.k not in held_levels for one in cut]
+    held_out = [one for label, cut in flights if label.k in held_levels for one in cut]
+    fitted += [one for cut in healthy[0::4] for one in cut]
+    held_out += [one for cut in healthy[1::4] for one in cut]
+    return fitted, held_out, [one for cut in (*healthy[2::4], *healthy[3::4]) for one in cut]

@@ -80,6 +80,12 @@ def train(
     candidates = [measured(model, held_out) for model in _fits(fitted, s)]
     model = min(candidates, key=lambda one: dict(one.facts)["mean_error"])
     maxima = np.concatenate([healthy_maxima(model, flight) for flight in healthy])
+    if not len(maxima):
+        longest = max(flight.length for flight in healthy) / s.rate
+        raise ConfigError(
+            f"training: expected {MAXIMA + s.alarm_window:g} s of healthy flight on end to set the threshold on, "
+            f"got {longest:.0f} s"
+        )
     location, scale = _gumbel(maxima)
     vehicles = {flight.vehicle for flight in (*fitted, *held_out, *healthy)}
     return replace(
@@ -112,6 +118,8 @@ def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledMo
         ratios.append(mean / model.expected(flight.rotor, k))
         if flight.k > 0.0:
             right.append(identified(model, flight, model.value_window) == flight.rotor)
+    if not errors:
+        raise ConfigError(f"training: no held-out flight is as long as {model.value_window:g} s")
     bias = math.sqrt(max(float(np.quantile(np.concatenate(needed), COVERED)), 0.0))
     facts = (
         ("mean_error", float(np.concatenate(errors).mean())),

@@ -184,6 +184,14 @@ class RotorTrack:
         share = (t - times[j - 1]) / (times[j] - times[j - 1])
         return [low + share * (high - low) for low, high in zip(rows[j - 1], rows[j], strict=True)]
 
+    def last_two(self, rotor: int) -> tuple[float, float]:
+        """Return the last two speeds of a rotor [rad/s], NaN where there are not yet two."""
+        if self._split:
+            speeds: Sequence[float] = self._speeds[rotor][-2:]
+        else:
+            speeds = [row[rotor] for row in self._rows[-2:]]
+        return (speeds[0], speeds[1]) if len(speeds) == 2 else (math.nan, math.nan)
+
     def around(self, t: float) -> tuple[float, float]:
         """Return the times of the samples on either side of t [s], infinite where none is; whole rows only."""
         times = self._row_times

@@ -15,8 +15,13 @@ def first_bytes(path: Path) -> bytes:
         return file.read(MAGIC)
 
 
-def decompressor(path: Path) -> BinaryIO | None:
-    """Return a compressed file as a plain one; None if it is not compressed.
+def is_compressed(path: Path) -> bool:
+    """Whether it is a file that `decompressor` unpacks."""
+    return first_bytes(path).startswith((GZIP, XZ, ZSTD))
+
+
+def decompressor(path: Path) -> tuple[BinaryIO, None]:
+    """Return a compressed file as a plain one, whose size is not known.
 
     Raises
     ------
@@ -26,18 +31,16 @@ def decompressor(path: Path) -> BinaryIO | None:
     if start.startswith(GZIP):
         import gzip
 
-        return cast(BinaryIO, gzip.open(path))
+        return cast(BinaryIO, gzip.open(path)), None
     if start.startswith(XZ):
         import lzma
 
-        return cast(BinaryIO, lzma.open(path))
-    if start.startswith(ZSTD):
-        try:
-            import zstandard
-        except ModuleNotFoundError:
-            raise LogError(f"{path}: a zstd file needs zstandard: pip install 'gcs-health[ulog]'") from None
-        return cast(BinaryIO, zstandard.open(path, "rb"))
-    return None
+        return cast(BinaryIO, lzma.open(path)), None
+    try:
+        import zstandard
+    except ModuleNotFoundError:
+        raise LogError(f"{path}: a zstd file needs zstandard: pip install 'gcs-health[ulog]'") from None
+    return cast(BinaryIO, zstandard.open(path, "rb")), None
 
 
 def reading_errors() -> tuple[type[Exception], ...]:

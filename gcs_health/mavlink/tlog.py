@@ -7,14 +7,14 @@ Autopilots' own logs (`ulog`, `dataflash`) come as the .tlog that they would hav
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
 from gcs_health.errors import LogError
 from gcs_health.mavlink import dataflash, ulog
-from gcs_health.mavlink.compressed import MAGIC, decompressor, first_bytes, reading_errors
+from gcs_health.mavlink.compressed import MAGIC, decompressor, first_bytes, is_compressed, reading_errors
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.framing import hunt
 from gcs_health.mavlink.tlog_sets import is_zip, open_folder, open_zip
@@ -110,11 +110,10 @@ def _open(path: Path) -> tuple[BinaryIO, int | None]:
     if path.is_dir():
         return open_folder(path)
     if is_zip(path):
-        return open_zip(path)
+        return _unpacked(path, open_zip)
     try:
-        plain = decompressor(path)
-        if plain is not None:
-            return _unpacked(path, plain), None
+        if is_compressed(path):
+            return _unpacked(path, decompressor)
         start = first_bytes(path)
         if start.startswith(ulog.MAGIC):
             return ulog.open_ulog(str(path), path.open("rb")), None
@@ -125,22 +124,23 @@ def _open(path: Path) -> tuple[BinaryIO, int | None]:
         raise LogError(f"{path}: cannot read it: {error.strerror or error}") from None
 
 
-def _unpacked(path: Path, plain: BinaryIO) -> BinaryIO:
+def _unpacked(
+    path: Path, unpack: Callable[[Path], tuple[BinaryIO, int | None]]
+) -> tuple[BinaryIO, int | None]:
     """Return a compressed log as what is in it; an autopilot's own is unpacked first, its readers seek in it."""
+    plain, _ = unpack(path)
     try:
         start = plain.read(MAGIC)
         if not start.startswith((ulog.MAGIC, dataflash.MAGIC)):
             plain.close()
-            again = decompressor(path)
-            assert again is not None
-            return again
+            return unpack(path)  # not every decompressor goes back to the start
         with tempfile.NamedTemporaryFile(suffix=".log") as whole:
             whole.write(start)
             shutil.copyfileobj(plain, whole)
             whole.flush()
             plain.close()
             if start.startswith(ulog.MAGIC):
-                return ulog.open_ulog(str(path), open(whole.name, "rb"))
-            return dataflash.open_dataflash(str(path), Path(whole.name))
+                return ulog.open_ulog(str(path), open(whole.name, "rb")), None
+            return dataflash.open_dataflash(str(path), Path(whole.name)), None
     except reading_errors() as error:
         raise LogError(f"{path}: cannot unpack it: {error}") from None

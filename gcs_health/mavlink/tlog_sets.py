@@ -1,10 +1,12 @@
-"""Several bytes as one log: the .tlog inside a .zip, or those of a folder in order of their names."""
+"""Several bytes as one log: the one inside a .zip, or the .tlog of a folder in order of their names."""
 
 import zipfile
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from gcs_health.errors import LogError
+
+LOGS = (".tlog", ".tlog.raw", ".rlog", ".ulg", ".bin")  # what a log in a .zip is called
 
 
 class Chain:
@@ -54,7 +56,7 @@ def open_folder(path: Path) -> tuple[BinaryIO, int]:
 
 
 def open_zip(path: Path) -> tuple[BinaryIO, int]:
-    """Return the .tlog inside a .zip, and its size.
+    """Return the log inside a .zip, and its size.
 
     Raises
     ------
@@ -62,9 +64,9 @@ def open_zip(path: Path) -> tuple[BinaryIO, int]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            logs = [member for member in archive.infolist() if member.filename.endswith(".tlog")]
+            logs = [member for member in archive.infolist() if member.filename.lower().endswith(LOGS)]
             if len(logs) != 1:
-                raise LogError(f"{path}: expected one MAVLink log (.tlog) in it, found {len(logs)}")
+                raise LogError(f"{path}: expected one log ({', '.join(LOGS)}) in it, found {len(logs)}")
             # the archive stays open for the member until that is closed
             return cast(BinaryIO, archive.open(logs[0])), logs[0].file_size
     except (OSError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:

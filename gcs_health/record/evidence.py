@@ -6,7 +6,7 @@ more than `EARLIER_MOST` bytes are the earliest left out, and the manifest says 
 
     flight.tlog     the frames
     packet.json     the alert, its further steps, configuration, versions
-    vehicle.toml    and whatever other file the configuration names
+    vehicle.toml    and whatever other file the configuration names, trained models too
 """
 
 import json
@@ -25,7 +25,7 @@ from gcs_health.record.events import AlertEvent, Event, as_object
 SCHEMA = "gcs_health.evidence/1"
 AFTER = 10.0  # s behind the alert
 EARLIER_MOST = 256 << 20  # bytes of flights before the alert's own
-MANIFEST_MOST = 1 << 20
+MEMBER_MOST = 16 << 20  # bytes of any but the flight
 MANIFEST, FLIGHT = "packet.json", "flight.tlog"
 _COPY = 1 << 20
 
@@ -50,7 +50,7 @@ class EvidenceWriter:
     folder : where packets go; made if it is not there.
     flights : gives the .tlog files of the session so far, in order (`Recorder.flights`).
     stem : what the packets' names begin with; None = with the flight's.
-    members : further files of a packet, name -> text. configuration : as JSON has it. versions : likewise.
+    members : further files of a packet, name -> content. configuration : as JSON has it. versions : likewise.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class EvidenceWriter:
         flights: Callable[[], list[Path]],
         stem: str | None,
         configuration: Mapping[str, Any],
-        members: Mapping[str, str],
+        members: Mapping[str, bytes],
         versions: Mapping[str, str],
     ) -> None:
         self.notices: list[str] = []
@@ -140,8 +140,8 @@ class EvidenceWriter:
         try:
             with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packet:
                 packet.writestr(MANIFEST, json.dumps(manifest, indent=1, allow_nan=False) + "\n")
-                for name, text in self._members.items():
-                    packet.writestr(name, text)
+                for name, content in self._members.items():
+                    packet.writestr(name, content)
                 with packet.open(FLIGHT, "w", force_zip64=True) as out:
                     for each, size in kept:
                         _copy(each, size, out.write)
@@ -194,24 +194,24 @@ class Packet:
     def __init__(self, name: str) -> None:
         self._path = Path(name)
         try:
-            self.manifest: dict[str, Any] = json.loads(self.text(MANIFEST) or "")
+            self.manifest: dict[str, Any] = json.loads(self.read(MANIFEST) or b"")
         except ValueError:
             raise LogError(f"{name}: {MANIFEST} in it is no JSON") from None
         schema = self.manifest.get("schema") if isinstance(self.manifest, dict) else None
         if schema != SCHEMA:
             raise LogError(f"{name}: {MANIFEST}: schema: expected {SCHEMA!r}, got {schema!r}")
 
-    def text(self, member: str) -> str | None:
-        """Return a member as text, None if it is not there; never more than a MiB of it."""
+    def read(self, member: str) -> bytes | None:
+        """Return a member, None if it is not there; never more than `MEMBER_MOST` of it."""
         try:
             if self._path.is_dir():
                 with (self._path / member).open("rb") as file:
-                    return file.read(MANIFEST_MOST).decode()
+                    return file.read(MEMBER_MOST)
             with zipfile.ZipFile(self._path) as packet, packet.open(member) as inside:
-                return inside.read(MANIFEST_MOST).decode()
+                return inside.read(MEMBER_MOST)
         except (KeyError, FileNotFoundError):
             return None
-        except (OSError, zipfile.BadZipFile, UnicodeDecodeError) as error:
+        except (OSError, zipfile.BadZipFile) as error:
             raise LogError(f"{self._path}: {member} in it cannot be read: {error}") from None
 
 

@@ -1,7 +1,9 @@
 """PX4's .ulg, ArduPilot's .bin and compressed logs: the same samples and the same verdict as the .tlog."""
 
 import gzip
+import io
 import lzma
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +105,16 @@ def test_a_dataflash_log_gives_the_verdict_of_the_tlog(
     assert "ArduPilot ESC_TELEMETRY" in " ".join(flight.summaries[0].notes)
 
 
-@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress, zstandard.ZstdCompressor().compress])
+def zipped(data: bytes) -> bytes:
+    whole = io.BytesIO()
+    kind = "ulg" if data.startswith(b"ULog") else "bin" if data.startswith(b"\xa3\x95") else "tlog"
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("notes.txt", "not a log")
+        archive.writestr(f"flights/FLIGHT.{kind.upper()}", data)
+    return whole.getvalue()
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress, zstandard.ZstdCompressor().compress, zipped])
 def test_compressed_logs_are_read_as_what_is_in_them(pack, samples: list[Sample], tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     plain = FLIGHT.read_bytes()
     packed = tmp_path / "flight.packed"  # told by content

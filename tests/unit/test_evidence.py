@@ -118,6 +118,9 @@ def test_a_packet_holds_the_configuration_and_uses_it(tmp_path: Path) -> None:
         assert manifest["configuration"]["mode"] == "paper"
         assert {"gcs_health", "numpy", "python"} <= set(manifest["versions"])
         assert said(packet) in replayed(packet)
+    page = tmp_path / "packet.html"
+    assert main(["report", str(packets[0]), "-o", str(page)]) == 0
+    assert "Parrot Bebop 2" in page.read_text()
 
 
 def event(t: float, kind: str = "raised", id: str = "1.1-1") -> AlertEvent:
@@ -186,7 +189,7 @@ def test_a_full_disk_is_told_and_leaves_no_half_packet(tmp_path: Path) -> None:
     [
         ("packet.json", "{", "is no JSON"),
         ("packet.json", '{"schema": "other/1"}', "expected 'gcs_health.evidence/1', got 'other/1'"),
-        ("notes.txt", "hello", "expected one MAVLink log (.tlog) in it, found 0"),
+        ("notes.txt", "hello", "expected one log (.tlog, .tlog.raw, .rlog, .ulg, .bin) in it, found 0"),
     ],
 )
 def test_a_zip_that_is_no_packet_is_told(
