@@ -11,6 +11,7 @@ a refit under bounds costs is divided by it.
 Source: sheet 2 section 5.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,9 @@ from gcs_health.estimators.amplitude_model import Array
 REWEIGHTINGS = 3
 MODEL_ERROR, NOISE_ERROR = 0.1, 0.05  # floors of the model error, shares of S and nu'
 RIDGE = 1e-9  # relative, so that coinciding rotors have a Cholesky factor
-BOUND_WEIGHT = 1e4  # of the rows that hold an upper bound, over the largest of the problem
+ROUNDING = 1e-12  # relative, within which a value lies on its bound
+TRIES = 3  # exchanges of all offenders that need not help
+LOW, FREE, HIGH = -1, 0, 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,24 +34,28 @@ class Fit:
     ----------
     s : (n,) non-negative. nu : noise.
     covariance : (n, n) of s, sandwich.
-    inseparable : smallest eigenvalue of the normalised Gram matrix [-], and
-    tangle : (n,) its eigenvector's entries of the rotors.
     """
 
     s: Array
     nu: float
     covariance: Array
-    inseparable: float
-    tangle: Array
-    _triangle: Array  # of the scaled, weighted problem
-    _target: Array
+    _gram: Array  # of the scaled, weighted problem, (n + 1, n + 1)
+    _right: Array
+    _x: Array  # its solution
+    _slope: Array  # of half the sum of squares, at the solution
+    _held: list[int]
     _scale: Array
     _kappa: float
-    _cost: float
 
     def std(self) -> Array:
         """Return the standard deviation of each s."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def tangle(self) -> tuple[float, Array]:
+        """Return the smallest eigenvalue of the normalised Gram matrix [-], its eigenvector's (n,) entries."""
+        norm = 1.0 / np.maximum(np.sqrt(self._gram.diagonal()), 1e-300)
+        values, vectors = np.linalg.eigh(self._gram * norm * norm[:, None])
+        return float(values[0]), np.abs(vectors[:-1, 0])
 
     def cost(self, low: Array, high: Array) -> float:
         """Return what it costs to hold every s within [low, high]: a chi-square difference.
@@ -57,95 +64,129 @@ class Fit:
         ----------
         low, high : (n,) bounds in the units of s; 0 and infinity bind nothing.
         """
-        scale = self._scale
-        low = np.append(low, 0.0) / scale
-        high = np.append(high, np.inf) / scale
-        target = self._target - self._triangle @ low
-        matrix, right = self._triangle, target
-        bound = np.flatnonzero(np.isfinite(high))
-        if len(bound):  # y + slack = high - low, held by weight: a bound for non-negative least squares
-            weight = BOUND_WEIGHT * float(np.abs(self._triangle).max())
-            n = len(low)
-            rows = np.zeros((len(bound), n + len(bound)))
-            rows[np.arange(len(bound)), bound] = weight
-            rows[np.arange(len(bound)), n + np.arange(len(bound))] = weight
-            matrix = np.vstack((np.hstack((matrix, np.zeros((n, len(bound))))), rows))
-            right = np.concatenate((target, weight * (high - low)[bound]))
-        _, residual = _nnls(matrix, right)
-        return max(residual * residual - self._cost, 0.0) / self._kappa
+        scale = self._scale[:-1]
+        bounds = [*(low / scale).tolist(), 0.0], [*(high / scale).tolist(), np.inf]
+        x, _ = solve_within(self._gram, self._right, *bounds, self._held)
+        off = x - self._x
+        return max(float(off @ (self._gram @ off + 2.0 * self._slope)), 0.0) / self._kappa
 
 
-def fit(power: Array, mix: Array, noise: Array, cluster: Array) -> Fit | None:
+def fit(power: Array, mix: Array, noise: Array, starts: Array) -> Fit | None:
     """Solve for s and nu; None where the rows are too few, or not numbers.
 
     Parameters
     ----------
     power : (m,) |Y|². mix : (m, n). noise : (m,) sum of squared weights.
-    cluster : (m,) ascending number of the second that each row belongs to.
+    starts : first row of each second, ascending.
     """
-    n = mix.shape[1]
-    starts = np.flatnonzero(np.diff(cluster, prepend=-1))
-    clusters = len(starts)
-    if clusters < n + 2 or not (np.isfinite(power).all() and np.isfinite(mix).all()):
+    n, clusters = mix.shape[1], len(starts)
+    if clusters < n + 2:
         return None
-    matrix = np.column_stack((mix, noise))
-    scale = 1.0 / np.maximum(np.sqrt(np.mean(matrix * matrix, axis=0)), 1e-300)
-    matrix = matrix * scale
-    unit = float(np.mean(power))
-    if not unit > 0.0:
+    table = np.concatenate((mix.T, noise[None], power[None]))  # (n + 2, m): sums run along the rows
+    unit = float(power.mean())
+    squares = table * table
+    size = squares[: n + 1].mean(axis=1)
+    if not (unit > 0.0 and np.isfinite(size.sum() + unit)):
         return None
-    power = power / unit
-    variance = np.full(len(power), 1.0)
-    x = np.zeros(n + 1)
-    for _ in range(REWEIGHTINGS + 1):
-        weighted = matrix / variance[:, None]
-        gram, right = matrix.T @ weighted, weighted.T @ power
-        own = np.diag(gram).copy()
+    scale = 1.0 / np.maximum(np.sqrt(size), 1e-300)
+    table *= np.append(scale, 1.0 / unit)[:, None]
+    squares = table[:n] * table[:n]
+    matrix, seen = table[: n + 1], table[n + 1]
+    free = [0.0] * (n + 1), [np.inf] * (n + 1)
+    held = [FREE] * (n + 1)
+    weighted = table
+    for again in range(REWEIGHTINGS + 1):
+        if again:
+            weighted = table / _variance(matrix, squares, x)
+        products = weighted @ matrix.T
+        gram, right = products[:-1], products[-1]
+        own = gram.diagonal()
         gram.flat[:: n + 2] += np.where(own > 0.0, RIDGE * own, 1.0)  # a blind rotor has an empty column
         try:
-            triangle = np.linalg.cholesky(gram).T
+            x, held = solve_within(gram, right, *free, held)
         except np.linalg.LinAlgError:  # absurd numbers
             return None
-        target = np.linalg.solve(triangle.T, right)
-        x, residual = _nnls(triangle, target)
-        variance = _variance(matrix, x)
     inverse = np.linalg.inv(gram)
-    scores = weighted * (power - matrix @ (inverse @ right))[:, None]
-    clustered = np.add.reduceat(scores, starts, axis=0)
-    meat = clustered.T @ clustered * (clusters / (clusters - n - 1))
+    scores = weighted[:-1] * (seen - (inverse @ right) @ matrix)
+    clustered = np.add.reduceat(scores, starts, axis=1)
+    meat = clustered @ clustered.T * (clusters / (clusters - n - 1))
     sandwich = inverse @ meat @ inverse
-    kappa = max(1.0, float(np.trace(sandwich) / np.trace(inverse)))
-    norm = 1.0 / np.maximum(np.sqrt(np.diag(gram)), 1e-300)
-    values, vectors = np.linalg.eigh(gram * norm * norm[:, None])
+    kappa = max(1.0, float(sandwich.trace() / inverse.trace()))
     back = unit * scale
     return Fit(
         (x * back)[:n],
         float(x[n] * back[n]),
         (sandwich * back * back[:, None])[:n, :n],
-        float(values[0]),
-        np.abs(vectors[:n, 0]),
-        triangle,
-        target,
+        gram,
+        right,
+        x,
+        gram @ x - right,
+        held,
         back,
         kappa,
-        residual * residual,
     )
 
 
-def _variance(matrix: Array, x: Array) -> Array:
-    """Return V of each row, in the scaled units."""
-    parts = matrix[:, :-1] * x[:-1]
-    total = parts.sum(axis=1)
-    noise = matrix[:, -1] * x[-1]
-    v = noise * noise * (1.0 + NOISE_ERROR**2) + 2.0 * noise * total
-    v += total * total * (1.0 + MODEL_ERROR**2) - (parts * parts).sum(axis=1)
-    floor = 1e-6 * float(np.mean(v)) + 1e-30
-    out: Array = np.maximum(v, floor)
+def _variance(matrix: Array, squares: Array, x: Array) -> Array:
+    """Return V of each row, in the scaled units; `squares` of the matrix without its noise."""
+    s = x[:-1]
+    total, noise = s @ matrix[:-1], x[-1] * matrix[-1]
+    v = (noise * (1.0 + NOISE_ERROR**2) + 2.0 * total) * noise
+    v += total * total * (1.0 + MODEL_ERROR**2) - (s * s) @ squares
+    out: Array = np.maximum(v, 1e-6 * float(v.mean()) + 1e-30)
     return out
 
 
-def _nnls(matrix: Array, right: Array) -> tuple[Array, float]:
-    from scipy.optimize import nnls  # only where used: half a second to import
+def solve_within(
+    gram: Array, right: Array, low: Sequence[float], high: Sequence[float], held: Sequence[int]
+) -> tuple[Array, list[int]]:
+    """Return the x within [low, high] of the least x'Gx - 2 b'x, and which bound holds each entry.
 
-    solution, residual = nnls(matrix, right, maxiter=50 * matrix.shape[1])
-    return solution, float(residual)
+    All that offend are freed or held at once, as long as that helps; then one at a time, which always ends.
+
+    Parameters
+    ----------
+    gram : (n, n) positive definite. right : (n,) b.
+    held : LOW, FREE or HIGH of each entry, to begin with; near the solution saves exchanges.
+
+    Raises
+    ------
+    LinAlgError : the matrix is singular or not of numbers.
+
+    Source: Judice and Pires, "A block principal pivoting algorithm ...", Computers & Op. Res. 21(5), 1994.
+    """
+    n = len(right)
+    held = [state if state != HIGH or top < np.inf else FREE for state, top in zip(held, high, strict=True)]
+    fewest, tries = n + 1, TRIES
+    for _ in range(20 * n):
+        x = np.array([(low[i], 0.0, high[i])[state + 1] for i, state in enumerate(held)])
+        free = [i for i, state in enumerate(held) if state == FREE]
+        if len(free) == n:
+            x = np.linalg.solve(gram, right)
+        elif free:
+            x[free] = np.linalg.solve(gram[free][:, free], (right - gram @ x)[free])
+        values, slope = x.tolist(), (gram @ x - right).tolist()
+        if not sum(values) - sum(values) == 0.0:
+            raise np.linalg.LinAlgError("not of numbers")
+        near = ROUNDING * max(map(abs, values))
+        flat = ROUNDING * max(map(abs, right.tolist()))
+        offend = []
+        for i, state in enumerate(held):
+            if state == FREE:
+                if values[i] < low[i] - near:
+                    offend.append((i, LOW))
+                elif values[i] > high[i] + near:
+                    offend.append((i, HIGH))
+            elif slope[i] * state > flat:
+                offend.append((i, FREE))
+        if not offend:
+            break
+        if len(offend) < fewest:
+            fewest, tries = len(offend), TRIES
+        elif tries:
+            tries -= 1
+        else:
+            offend = offend[-1:]
+        for i, state in offend:
+            held[i] = state
+    return np.minimum(np.maximum(x, low), high), held

@@ -47,7 +47,6 @@ __all__ = ["Baseline", "UnbalanceConfig", "UnbalanceEstimator"]
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = math.nan
 MILLIGRAM = 1e-6  # kg
-LARGEST_SIGMAS = 3.0  # within these of the largest estimate another rotor may be the largest
 Evidence = tuple[tuple[str, float | str], ...]
 
 
@@ -157,7 +156,7 @@ class UnbalanceEstimator:
         if answer is None:
             reasons = [self._recommended.gate or Reason.SETTLING]
             return [self._unknown(t, i, reasons) for i in range(self._rotors)]
-        return [self._estimate(answer, t, i) for i in range(self._rotors)]
+        return self._answer_estimates(answer, t)
 
     @property
     def answer(self) -> Answer | None:
@@ -269,15 +268,11 @@ class UnbalanceEstimator:
         status = Status.CONVERGING if warming or reasons == [Reason.SETTLING] else Status.UNOBSERVABLE
         return self._make(t, rotor, NAN, NAN, p, status, reasons, NAN, evidence)
 
-    def _estimate(self, answer: Answer, t: float, rotor: int) -> Estimate:
-        """Return what the last solution says of one rotor."""
+    def _answer_estimates(self, answer: Answer, t: float) -> list[Estimate]:
+        """Return what the last solution says."""
         tracker = self._recommended.tracker
         verdict = answer.verdict
-        evidence: Evidence = (
-            ("finding", verdict.finding.value),
-            ("amplitude_m_s2", math.sqrt(answer.s()[rotor]) * float(answer.speed[rotor]) ** 2),
-            ("line_hz", float(answer.speed[rotor]) / (2.0 * math.pi)),
-            ("gain", float(answer.gain[rotor])),
+        of_all: Evidence = (
             ("filter", tracker.filter.source),
             ("imu_hz", 1.0 / tracker.step),
             ("window_s", answer.window),
@@ -285,12 +280,31 @@ class UnbalanceEstimator:
             ("cost_of_none", verdict.present),
             ("cost_of_another", verdict.alone),
             ("leak", answer.leak),
-            ("largest", self._motors(answer.largest(LARGEST_SIGMAS))),
+            ("largest", self._motors(answer.largest)),
             ("spins", "opposite to the airframe's" if answer.flipped else "as the airframe's"),
         )
+        s, std, seen = answer.s().tolist(), answer.std().tolist(), answer.seen.tolist()
+        out = []
+        for i, (speed, gain) in enumerate(zip(answer.speed.tolist(), answer.gain.tolist(), strict=True)):
+            evidence: Evidence = (
+                ("finding", verdict.finding.value),
+                ("amplitude_m_s2", math.sqrt(s[i]) * speed**2),
+                ("line_hz", speed / (2.0 * math.pi)),
+                ("gain", gain),
+                *of_all,
+            )
+            if gain < self.config.recommended.blind:
+                out.append(self._unknown(t, i, [Reason.LINE_NOT_IN_TELEMETRY], NAN, evidence))
+            else:
+                out.append(self._estimate(answer, t, i, _root(s[i], std[i]), seen[i], evidence))
+        return out
+
+    def _estimate(
+        self, answer: Answer, t: float, rotor: int, found: tuple[float, float], seen: float, evidence: Evidence
+    ) -> Estimate:
+        """Return what the last solution says of one rotor that it sees; `found` = value and its spread."""
+        verdict = answer.verdict
         reasons = []
-        if answer.gain[rotor] < self.config.recommended.blind:
-            return self._unknown(t, rotor, [Reason.LINE_NOT_IN_TELEMETRY], NAN, evidence)
         if rotor in answer.together:
             joint = math.sqrt(float(answer.s()[list(answer.together)].sum())) * self._mass
             evidence = (*evidence, ("one_of_motors", self._motors(answer.together)), ("joint", joint))
@@ -299,14 +313,13 @@ class UnbalanceEstimator:
             reasons.append(Reason.NOT_IDENTIFIABLE)
         elif self.config.damage is None and self.config.baseline is None:
             evidence = (*evidence, ("judged_by", "being an outlier: no baseline, no known damage"))
-        value, std = _root(float(answer.s()[rotor]), float(answer.std()[rotor]))
         p = verdict.probability[rotor]
         if p != p:
             reasons.append(Reason.LITTLE_EXCITATION)
         if t - answer.t > self.config.old_after:
             reasons.append(self._recommended.gate or Reason.SETTLING)
         status = Status.CONVERGING if reasons else Status.VALID
-        return self._make(t, rotor, value, std, p, status, reasons, float(answer.seen[rotor]), evidence)
+        return self._make(t, rotor, *found, p, status, reasons, seen, evidence)
 
     def _motors(self, rotors: tuple[int, ...]) -> str:
         return " ".join(str(self.airframe.rotors[i].motor) for i in rotors)
