@@ -11,6 +11,7 @@ a refit under bounds costs is divided by it.
 Source: sheet 2 section 5.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,9 +22,10 @@ from gcs_health.estimators.amplitude_model import Array
 REWEIGHTINGS = 3
 MODEL_ERROR, NOISE_ERROR = 0.1, 0.05  # floors of the model error, shares of S and nu'
 RIDGE = 1e-9  # relative, so that coinciding rotors have a Cholesky factor
-ROUNDING = 1e-12  # relative, within which a value lies on its bound
+ROUNDING = 1e-10  # relative, within which a value lies on its bound
 TRIES = 3  # exchanges of all offenders that need not help
 LOW, FREE, HIGH = -1, 0, 1
+Table = list[list[float]]  # (n, n + 1), of G x + slope = b: each free x or held one's slope by the others and b
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,8 @@ class Fit:
     nu: float
     covariance: Array
     _gram: Array  # of the scaled, weighted problem, (n + 1, n + 1)
-    _right: Array
+    _table: Table
+    _flat: float
     _x: Array  # its solution
     _slope: Array  # of half the sum of squares, at the solution
     _held: list[int]
@@ -65,8 +68,8 @@ class Fit:
         low, high : (n,) bounds in the units of s; 0 and infinity bind nothing.
         """
         scale = self._scale[:-1]
-        bounds = [*(low / scale).tolist(), 0.0], [*(high / scale).tolist(), np.inf]
-        x, _ = solve_within(self._gram, self._right, *bounds, self._held)
+        bounds = [*(low / scale).tolist(), 0.0], [*(high / scale).tolist(), math.inf]
+        x = settle(self._table[:], self._held[:], *bounds, self._flat)
         off = x - self._x
         return max(float(off @ (self._gram @ off + 2.0 * self._slope)), 0.0) / self._kappa
 
@@ -82,32 +85,35 @@ def fit(power: Array, mix: Array, noise: Array, starts: Array) -> Fit | None:
     n, clusters = mix.shape[1], len(starts)
     if clusters < n + 2:
         return None
-    table = np.concatenate((mix.T, noise[None], power[None]))  # (n + 2, m): sums run along the rows
-    unit = float(power.mean())
-    squares = table * table
-    size = squares[: n + 1].mean(axis=1)
-    if not (unit > 0.0 and np.isfinite(size.sum() + unit)):
+    rows = np.concatenate((mix.T, noise[None], power[None]))  # (n + 2, m): sums run along the rows
+    unit = float(power.sum()) / len(power)
+    size = (rows[:-1] * rows[:-1]).sum(axis=1) / len(power)
+    if not (unit > 0.0 and math.isfinite(unit + float(size.sum()))):
         return None
     scale = 1.0 / np.maximum(np.sqrt(size), 1e-300)
-    table *= np.append(scale, 1.0 / unit)[:, None]
-    squares = table[:n] * table[:n]
-    matrix, seen = table[: n + 1], table[n + 1]
-    free = [0.0] * (n + 1), [np.inf] * (n + 1)
-    held = [FREE] * (n + 1)
-    weighted = table
-    for again in range(REWEIGHTINGS + 1):
-        if again:
-            weighted = table / _variance(matrix, squares, x)
+    rows *= np.append(scale, 1.0 / unit)[:, None]
+    matrix, squares, weighted = rows[:-1], rows[:n] * rows[:n], rows
+    blind = np.where(size > 0.0, 0.0, 1.0)  # such a rotor has an empty column
+    free = [0.0] * (n + 1), [math.inf] * (n + 1)
+    for left in range(REWEIGHTINGS, -1, -1):
         products = weighted @ matrix.T
         gram, right = products[:-1], products[-1]
-        own = gram.diagonal()
-        gram.flat[:: n + 2] += np.where(own > 0.0, RIDGE * own, 1.0)  # a blind rotor has an empty column
+        own = gram.reshape(-1)[:: n + 2]
+        own += RIDGE * own + blind
         try:
-            x, held = solve_within(gram, right, *free, held)
+            inverse = np.linalg.inv(gram)
         except np.linalg.LinAlgError:  # absurd numbers
             return None
-    inverse = np.linalg.inv(gram)
-    scores = weighted[:-1] * (seen - (inverse @ right) @ matrix)
+        x, held = inverse @ right, [FREE] * (n + 1)
+        if not left or not min(x.tolist()) >= 0.0:
+            table = np.concatenate((inverse, x[:, None]), axis=1).tolist()
+            flat = ROUNDING * float(np.abs(right).max())
+            x = settle(table, held, *free, flat)
+        if left:
+            weighted = rows / _variance(matrix, squares, x)
+    if not math.isfinite(float(x.sum())):
+        return None
+    scores = weighted[:-1] * (rows[-1] - (inverse @ right) @ matrix)
     clustered = np.add.reduceat(scores, starts, axis=1)
     meat = clustered @ clustered.T * (clusters / (clusters - n - 1))
     sandwich = inverse @ meat @ inverse
@@ -118,7 +124,8 @@ def fit(power: Array, mix: Array, noise: Array, starts: Array) -> Fit | None:
         float(x[n] * back[n]),
         (sandwich * back * back[:, None])[:n, :n],
         gram,
-        right,
+        table,
+        flat,
         x,
         gram @ x - right,
         held,
@@ -129,55 +136,48 @@ def fit(power: Array, mix: Array, noise: Array, starts: Array) -> Fit | None:
 
 def _variance(matrix: Array, squares: Array, x: Array) -> Array:
     """Return V of each row, in the scaled units; `squares` of the matrix without its noise."""
-    s = x[:-1]
-    total, noise = s @ matrix[:-1], x[-1] * matrix[-1]
-    v = (noise * (1.0 + NOISE_ERROR**2) + 2.0 * total) * noise
-    v += total * total * (1.0 + MODEL_ERROR**2) - (s * s) @ squares
-    out: Array = np.maximum(v, 1e-6 * float(v.mean()) + 1e-30)
+    s, nu = x[:-1], x[-1]
+    total = ((1.0 + MODEL_ERROR**2) ** 0.5 * s) @ matrix[:-1]
+    v = np.append(2.0 * s, (1.0 + NOISE_ERROR**2) * nu) @ matrix
+    v *= nu * matrix[-1]
+    v += total * total
+    v -= (s * s) @ squares
+    out: Array = np.maximum(v, 1e-6 / len(v) * float(v.sum()) + 1e-30)
     return out
 
 
-def solve_within(
-    gram: Array, right: Array, low: Sequence[float], high: Sequence[float], held: Sequence[int]
-) -> tuple[Array, list[int]]:
-    """Return the x within [low, high] of the least x'Gx - 2 b'x, and which bound holds each entry.
+def settle(table: Table, held: list[int], low: Sequence[float], high: Sequence[float], flat: float) -> Array:
+    """Return the x within [low, high] of the least x'Gx - 2 b'x.
 
     All that offend are freed or held at once, as long as that helps; then one at a time, which always ends.
 
     Parameters
     ----------
-    gram : (n, n) positive definite. right : (n,) b.
-    held : LOW, FREE or HIGH of each entry, to begin with; near the solution saves exchanges.
+    table, held : where to begin, LOW, FREE or HIGH of each entry (HIGH only at a finite bound); brought to the
+        solution. Near it there is little to do.
+    flat : slope that counts for none.
 
-    Raises
-    ------
-    LinAlgError : the matrix is singular or not of numbers.
-
-    Source: Judice and Pires, "A block principal pivoting algorithm ...", Computers & Op. Res. 21(5), 1994.
+    Source: Judice and Pires, "A block principal pivoting algorithm for large-scale strictly monotone linear
+    complementarity problems", 1994.
     """
-    n = len(right)
-    held = [state if state != HIGH or top < np.inf else FREE for state, top in zip(held, high, strict=True)]
+    n = len(table)
     fewest, tries = n + 1, TRIES
+    values: list[float] = []
     for _ in range(20 * n):
-        x = np.array([(low[i], 0.0, high[i])[state + 1] for i, state in enumerate(held)])
-        free = [i for i, state in enumerate(held) if state == FREE]
-        if len(free) == n:
-            x = np.linalg.solve(gram, right)
-        elif free:
-            x[free] = np.linalg.solve(gram[free][:, free], (right - gram @ x)[free])
-        values, slope = x.tolist(), (gram @ x - right).tolist()
-        if not sum(values) - sum(values) == 0.0:
-            raise np.linalg.LinAlgError("not of numbers")
-        near = ROUNDING * max(map(abs, values))
-        flat = ROUNDING * max(map(abs, right.tolist()))
+        values = [row[n] for row in table]
+        for j, state in enumerate(held):
+            bound = 0.0 if state == FREE else low[j] if state == LOW else high[j]
+            if bound:
+                values = [value - row[j] * bound for value, row in zip(values, table, strict=True)]
+        near = ROUNDING * max([abs(row[n]) for row, state in zip(table, held, strict=True) if not state], default=0.0)
         offend = []
-        for i, state in enumerate(held):
+        for i, (state, value) in enumerate(zip(held, values, strict=True)):
             if state == FREE:
-                if values[i] < low[i] - near:
+                if value < low[i] - near:
                     offend.append((i, LOW))
-                elif values[i] > high[i] + near:
+                elif value > high[i] + near:
                     offend.append((i, HIGH))
-            elif slope[i] * state > flat:
+            elif value * state < -flat:
                 offend.append((i, FREE))
         if not offend:
             break
@@ -188,5 +188,24 @@ def solve_within(
         else:
             offend = offend[-1:]
         for i, state in offend:
+            if not _exchange(table, i):
+                break  # absurd numbers
             held[i] = state
-    return np.minimum(np.maximum(x, low), high), held
+    bounds = zip(held, values, low, high, strict=True)
+    return np.array([min(max(x, b), c) if state == FREE else b if state == LOW else c for state, x, b, c in bounds])
+
+
+def _exchange(table: Table, k: int) -> bool:
+    """Free an entry that is held, or hold one that is free; return whether it could be done."""
+    pivot = table[k][k]
+    if not pivot > 0.0:
+        return False
+    row = [value / pivot for value in table[k]]
+    row[k] = 1.0 / pivot
+    for i, other in enumerate(table):
+        if i != k:
+            share = other[k]
+            table[i] = made = [value - share * part for value, part in zip(other, row, strict=True)]
+            made[k] = -share / pivot
+    table[k] = row
+    return True
