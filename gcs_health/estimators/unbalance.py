@@ -118,14 +118,18 @@ class UnbalanceEstimator:
         self._inputs = InputRecency(n, c.stale_after)
         self._speeds_known = False
         self._armed: bool | None = None
-        self._landed: bool | None = None
+        self._airborne = True
         self._was: tuple[str, int] = ("", -1)
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates where a decision about a rotor changed with it."""
         t = reading.t
-        if not self._in_order(t):
+        order = self._order
+        if not order.takes(t):
             return []
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         kind = type(reading)
         if kind is ImuReading:
             if not self._take_imu(reading):  # type: ignore[arg-type]
@@ -176,21 +180,12 @@ class UnbalanceEstimator:
 
     # -- readings -----------------------------------------------------------------------------------
 
-    def _in_order(self, t: float) -> bool:
-        order = self._order
-        if not order.takes(t):
-            return False
-        if order.set_back:
-            self.reset()
-            self._order = order.begins_anew(t)
-        return True
-
     def _take_imu(self, reading: ImuReading) -> bool:
         """Hand on one sample; return whether the recommended mode has a new answer."""
-        t, ax, ay = reading.t, reading.ax, reading.ay
+        t, ax, ay, _, _, _, _ = reading
         if not (-MOST < ax < MOST and -MOST < ay < MOST):
             return False
-        airborne = self._landed is not True and self._armed is not False
+        airborne = self._airborne
         if t > self._inputs.imu_t:
             self._inputs.imu_t = t
         if self._paper is not None:
@@ -207,14 +202,13 @@ class UnbalanceEstimator:
         for i, speed in enumerate(reading.speed[: self._rotors]):
             if -FASTEST < speed < FASTEST and t >= last[i]:
                 last[i] = t
-                new[i] = abs(speed)
+                new[i] = speed = abs(speed)
+                tracks[i].add(t, speed)
                 self._speeds_known = True
-                tracks[i].add(t, new[i])
         if self._paper is not None:
             self._paper.speeds(np.array(new))
 
     def _take_other(self, reading: Reading) -> None:
-        airborne = self._landed is not True and self._armed is not False
         if isinstance(reading, CommandReading):
             self._level.commands(reading.t, reading.command)
             if self._paper is not None and len(reading.command) == self._rotors:
@@ -223,11 +217,12 @@ class UnbalanceEstimator:
             if self._armed is False and reading.armed:  # another flight, perhaps with other propellers
                 self._recommended.forget()
                 self._level.forget()
-            self._armed, self._landed = reading.armed, reading.landed
+            self._armed = reading.armed
+            self._airborne = reading.landed is not True and reading.armed is not False
         elif isinstance(reading, ImuFilterReading):
             self._recommended.set_filter(ImuFilter.told(reading))
         elif isinstance(reading, VibrationReading):
-            self._level.vibration(reading.t, reading.x, reading.y, airborne)
+            self._level.vibration(reading.t, reading.x, reading.y, self._airborne)
 
     # -- estimates ----------------------------------------------------------------------------------
 
