@@ -43,21 +43,31 @@ class TimingConfig:
 
 
 class Lag:
-    """First-order lag, exact for a signal that runs straight between irregular samples."""
+    """First-order lag of a speed and its square, exact for signals that run straight between irregular samples."""
 
-    __slots__ = ("tau", "x", "y")
+    __slots__ = ("lagged_squares", "lagged_w", "squares", "tau", "w")
 
-    def __init__(self, tau: float, x: float) -> None:
+    def __init__(self, tau: float, w: float, squares: float) -> None:
         self.tau = tau
-        self.x = self.y = x
+        self.w = self.lagged_w = w
+        self.squares = self.lagged_squares = squares
 
-    def step(self, dt: float, x: float) -> float:
-        """Return the filtered value at the end of a step from the last input to `x` over dt [s]."""
-        tau = self.tau
-        a = math.exp(-dt / tau)
-        self.y = y = a * self.y + (1.0 - a) * self.x + (x - self.x) / dt * (dt - tau * (1.0 - a))
-        self.x = x
-        return y
+    def step(self, dt: float, w: float, squares: float) -> tuple[float, float]:
+        """Return both filtered at the end of a step of dt [s] from the last inputs to these."""
+        left, straight = lag_weights(dt, self.tau)
+        was, squares_was = self.w, self.squares
+        self.lagged_w = y = left * self.lagged_w + (1.0 - left) * was + straight * (w - was)
+        self.lagged_squares = z = (
+            left * self.lagged_squares + (1.0 - left) * squares_was + straight * (squares - squares_was)
+        )
+        self.w, self.squares = w, squares
+        return y, z
+
+
+def lag_weights(dt: float, tau: float) -> tuple[float, float]:
+    """Return what a lag of tau [s] keeps of its output over dt [s], and takes of the input's straight rise."""
+    left = math.exp(-dt / tau)
+    return left, 1.0 - tau * (1.0 - left) / dt
 
 
 class CurrentTiming:
@@ -104,7 +114,7 @@ class CurrentTiming:
         dt = np.diff(t)
         squares = w * w
         if timing.lag:
-            w, squares = lagged(t, w, timing.lag), lagged(t, squares, timing.lag)
+            w, squares = lagged(t, w, timing.lag)
         every = max(1, math.ceil(self.config.interval / float(np.median(dt))))
         charge = i[1:] * dt if timing.mean else 0.5 * (i[1:] + i[:-1]) * dt
         columns = []
@@ -135,17 +145,19 @@ class CurrentTiming:
         return True
 
 
-def lagged(t: Array, x: Array, tau: float) -> Array:
-    """Return x(t) behind a first-order lag `tau` [s]."""
-    lag = Lag(tau, float(x[0]))
-    out = [lag.y]
-    out += [lag.step(dt, value) for dt, value in zip(np.diff(t).tolist(), x[1:].tolist(), strict=True)]
-    return np.array(out)
+def lagged(t: Array, w: Array, tau: float) -> tuple[Array, Array]:
+    """Return w(t) and its square behind a first-order lag `tau` [s]."""
+    speeds = w.tolist()
+    lag = Lag(tau, speeds[0], speeds[0] * speeds[0])
+    out = [(lag.w, lag.squares)]
+    out += [lag.step(dt, x, x * x) for dt, x in zip(np.diff(t).tolist(), speeds[1:], strict=True)]
+    behind, squares = np.array(out).T
+    return behind, squares
 
 
 def quantum(values: Array) -> float:
     """Return the step in which values are told; 0 where they lie on no grid."""
-    steps = np.diff(np.unique(values))
+    steps = np.diff(np.sort(values))
     steps = steps[steps > 1e-6]
     if not len(steps):
         return 0.0

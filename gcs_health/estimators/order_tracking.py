@@ -18,6 +18,7 @@ Source: sheet 2 section 5.
 import math
 from bisect import bisect_left
 from itertools import pairwise
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -187,7 +188,7 @@ class OrderTracker:
         gaps = [track.widest_gap(start, end) for track in self.tracks]
         made = None
         if count > 8:
-            self.step = float(np.median(steps[1:]))
+            self.step = median(steps[1:].tolist())
             self.interval = max(gaps)
             if max(gaps) <= self._widest_gap and self.step * count > HOLES * self.stretch:
                 made = self._stretch(times, np.array(passed), start)
