@@ -25,7 +25,9 @@ RIDGE = 1e-9  # relative, so that coinciding rotors have a Cholesky factor
 ROUNDING = 1e-10  # relative, within which a value lies on its bound
 TRIES = 3  # exchanges of all offenders that need not help
 LOW, FREE, HIGH = -1, 0, 1
-Table = list[list[float]]  # (n, n + 1), of G x + slope = b: each free x or held one's slope by the others and b
+Table = list[
+    list[float]
+]  # (n, n + 1), of G x + slope = b: each free x or held one's slope by the others and b
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,7 @@ class Fit:
         return max(float(off @ (self._gram @ off + 2.0 * self._slope)), 0.0) / self._kappa
 
 
-def fit(power: Array, mix: Array, noise: Array, starts: Array) -> Fit | None:
+def fit(power: Array, mix: Array, noise: Array, starts: list[int]) -> Fit | None:
     """Solve for s and nu; None where the rows are too few, or not numbers.
 
     Parameters
@@ -164,21 +166,8 @@ def settle(table: Table, held: list[int], low: Sequence[float], high: Sequence[f
     fewest, tries = n + 1, TRIES
     values: list[float] = []
     for _ in range(20 * n):
-        values = [row[n] for row in table]
-        for j, state in enumerate(held):
-            bound = 0.0 if state == FREE else low[j] if state == LOW else high[j]
-            if bound:
-                values = [value - row[j] * bound for value, row in zip(values, table, strict=True)]
-        near = ROUNDING * max([abs(row[n]) for row, state in zip(table, held, strict=True) if not state], default=0.0)
-        offend = []
-        for i, (state, value) in enumerate(zip(held, values, strict=True)):
-            if state == FREE:
-                if value < low[i] - near:
-                    offend.append((i, LOW))
-                elif value > high[i] + near:
-                    offend.append((i, HIGH))
-            elif value * state < -flat:
-                offend.append((i, FREE))
+        values = _values(table, held, low, high)
+        offend = _offending(table, held, values, low, high, flat)
         if not offend:
             break
         if len(offend) < fewest:
@@ -191,8 +180,46 @@ def settle(table: Table, held: list[int], low: Sequence[float], high: Sequence[f
             if not _exchange(table, i):
                 break  # absurd numbers
             held[i] = state
-    bounds = zip(held, values, low, high, strict=True)
-    return np.array([min(max(x, b), c) if state == FREE else b if state == LOW else c for state, x, b, c in bounds])
+    return np.array(
+        [
+            min(max(x, b), c) if state == FREE else b if state == LOW else c
+            for state, x, b, c in zip(held, values, low, high, strict=True)
+        ]
+    )
+
+
+def _values(table: Table, held: list[int], low: Sequence[float], high: Sequence[float]) -> list[float]:
+    """Return x of each entry that is free, minus the slope of each that is held."""
+    values = [row[-1] for row in table]
+    for j, state in enumerate(held):
+        if state != FREE:
+            bound = low[j] if state == LOW else high[j]
+            if bound:
+                values = [value - row[j] * bound for value, row in zip(values, table, strict=True)]
+    return values
+
+
+def _offending(
+    table: Table,
+    held: list[int],
+    values: list[float],
+    low: Sequence[float],
+    high: Sequence[float],
+    flat: float,
+) -> list[tuple[int, int]]:
+    """Return which entries are free beyond a bound or held though they would leave it, and what they should be."""
+    sizes = [abs(row[-1]) for row, state in zip(table, held, strict=True) if state == FREE]
+    near = ROUNDING * max(sizes, default=0.0)
+    offend = []
+    for i, (state, value) in enumerate(zip(held, values, strict=True)):
+        if state != FREE:
+            if value * state < -flat:
+                offend.append((i, FREE))
+        elif value < low[i] - near:
+            offend.append((i, LOW))
+        elif value > high[i] + near:
+            offend.append((i, HIGH))
+    return offend
 
 
 def _exchange(table: Table, k: int) -> bool:

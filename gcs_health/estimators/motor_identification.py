@@ -124,7 +124,13 @@ class FlightIdentification:
             theta[2] = min(max(theta[2], low * given[2]), high * given[2])
         sa, sf, sc = (math.sqrt(covariance[k][k]) for k in range(3))
         return Identified(
-            theta[0] / UNIT**2, theta[1] / UNIT, theta[2] / UNIT, sa / UNIT**2, sf / UNIT, sc / UNIT, separable
+            theta[0] / UNIT**2,
+            theta[1] / UNIT,
+            theta[2] / UNIT,
+            sa / UNIT**2,
+            sf / UNIT,
+            sc / UNIT,
+            separable,
         )
 
 

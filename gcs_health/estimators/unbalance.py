@@ -131,21 +131,17 @@ class UnbalanceEstimator:
             self.reset()
             self._order = order.begins_anew(t)
         kind = type(reading)
-        if kind is ImuReading:
-            if not self._take_imu(reading):  # type: ignore[arg-type]
-                return []
-        elif kind is RotorReading:
+        if kind is RotorReading:
             self._take_speeds(reading)  # type: ignore[arg-type]
-            return []
-        else:
+        elif kind is not ImuReading:
             self._take_other(reading)
-            return []
-        answer = self._recommended.answer
-        now = (answer.verdict.finding.value, answer.verdict.rotor) if answer is not None else ("", -1)
-        if now == self._was:
-            return []
-        self._was = now
-        return self.estimates(t)
+        elif self._take_imu(reading):  # type: ignore[arg-type]
+            answer = self._recommended.answer
+            now = (answer.verdict.finding.value, answer.verdict.rotor) if answer is not None else ("", -1)
+            if now != self._was:
+                self._was = now
+                return self.estimates(t)
+        return []
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
@@ -295,7 +291,13 @@ class UnbalanceEstimator:
         return out
 
     def _estimate(
-        self, answer: Answer, t: float, rotor: int, found: tuple[float, float], seen: float, evidence: Evidence
+        self,
+        answer: Answer,
+        t: float,
+        rotor: int,
+        found: tuple[float, float],
+        seen: float,
+        evidence: Evidence,
     ) -> Estimate:
         """Return what the last solution says of one rotor that it sees; `found` = value and its spread."""
         verdict = answer.verdict

@@ -19,7 +19,7 @@ from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.estimators.amplitude_model import Array, ImuFilter
 from gcs_health.estimators.bounded_fit import Fit, fit
 from gcs_health.estimators.contract import Reason
-from gcs_health.estimators.order_tracking import SINGLE, OrderTracker, Stretch
+from gcs_health.estimators.order_tracking import OrderTracker, Stretch
 from gcs_health.estimators.unbalance_config import Baseline, RecommendedConfig
 from gcs_health.estimators.unbalance_verdict import Finding, Verdict, judge, outlier_ratio
 from gcs_health.gate import GRAVITY
@@ -314,7 +314,9 @@ def _largest(fit: Fit) -> tuple[int, ...]:
 def _fit(flown: list[Stretch], length: int, sign: int) -> Fit | None:
     """Solve a window with blocks of one length; `sign` 1 = all spins flipped."""
     seconds = [rows for stretch in flown if len(rows := stretch.rows[length])]
-    rows = np.concatenate(seconds or [np.zeros((0, 4), SINGLE)]).astype(float)
+    if not seconds:
+        return None
+    rows = np.array(np.concatenate(seconds), dtype=np.float64)
     n = rows.shape[1] - 3
-    starts = [0, *accumulate([len(each) for each in seconds[:-1]])] if seconds else []
-    return fit(rows[:, n + sign], rows[:, :n], rows[:, n + 2], np.array(starts))
+    starts = [0, *accumulate([len(each) for each in seconds[:-1]])]
+    return fit(rows[:, n + sign], rows[:, :n], rows[:, n + 2], starts)

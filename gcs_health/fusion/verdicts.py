@@ -149,7 +149,9 @@ class RotorBelief:
         for evidence in live:
             for kind, ratio in evidence.odds:
                 if ratio:
-                    weights[kind] *= math.exp(ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio))
+                    weights[kind] *= math.exp(
+                        ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio)
+                    )
             known = known or evidence.sees_thrust
         total = sum(weights.values())
         kind = max(weights, key=weights.__getitem__)
