@@ -313,10 +313,10 @@ def _largest(fit: Fit) -> tuple[int, ...]:
 
 def _fit(flown: list[Stretch], length: int, sign: int) -> Fit | None:
     """Solve a window with blocks of one length; `sign` 1 = all spins flipped."""
-    seconds = [rows for stretch in flown if len(rows := stretch.rows[length])]
+    seconds = [second for stretch in flown if len(second := stretch.rows[length])]
     if not seconds:
         return None
-    rows = np.array(np.concatenate(seconds), dtype=np.float64)
+    rows = np.concatenate(seconds).astype(np.float64)
     n = rows.shape[1] - 3
     starts = [0, *accumulate([len(each) for each in seconds[:-1]])]
     return fit(rows[:, n + sign], rows[:, :n], rows[:, n + 2], starts)
