@@ -139,10 +139,9 @@ def fit(power: Array, mix: Array, noise: Array, starts: list[int]) -> Fit | None
 def _variance(matrix: Array, squares: Array, x: Array) -> Array:
     """Return V of each row, in the scaled units; `squares` of the matrix without its noise."""
     s, nu = x[:-1], x[-1]
-    total = ((1.0 + MODEL_ERROR**2) ** 0.5 * s) @ matrix[:-1]
-    v = np.append(2.0 * s, (1.0 + NOISE_ERROR**2) * nu) @ matrix
-    v *= nu * matrix[-1]
-    v += total * total
+    total, noise = s @ matrix[:-1], nu * matrix[-1]
+    v = total * (2.0 * noise + (1.0 + MODEL_ERROR**2) * total)
+    v += (1.0 + NOISE_ERROR**2) * noise * noise
     v -= (s * s) @ squares
     out: Array = np.maximum(v, 1e-6 / len(v) * float(v.sum()) + 1e-30)
     return out

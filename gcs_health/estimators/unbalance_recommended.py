@@ -177,10 +177,15 @@ class RecommendedTracker:
         if len(recent) == len(flown) or made.verdict.finding is Finding.ROTOR:
             return made
         late = _fit(recent, k, int(flipped))
-        if late is None:
+        if late is None or not self._suspects(late, recent):
             return made
         newer = self._answer(t, late, _fit(recent, k, int(not flipped)), recent, k, flipped, short, lost)
         return newer if newer.verdict.finding is Finding.ROTOR else made
+
+    def _suspects(self, late: Fit, recent: list[Stretch]) -> bool:
+        """Return whether damage is present: most often none is, and `judge` need not look for whose."""
+        ok_below, _, _ = self._bounds(late, _mean_speed(recent))
+        return late.cost(np.zeros(len(ok_below)), ok_below) > self.config.threshold
 
     def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
         """Return whether the spins are the other way round: doubted only where one sign explains clearly more.
@@ -235,7 +240,7 @@ class RecommendedTracker:
         lost: float,
     ) -> Answer:
         c = self.config
-        speed = np.mean([stretch.speed for stretch in flown], axis=0)
+        speed = _mean_speed(flown)
         gain = np.mean([stretch.gain for stretch in flown], axis=0)
         ok_below, damaged_above, certain = self._bounds(best, speed)
         verdict = judge(best, ok_below, damaged_above, c.threshold, certain)
@@ -309,6 +314,10 @@ def _largest(fit: Fit) -> tuple[int, ...]:
     b = int(np.argmax(s))
     spread = np.sqrt(np.maximum(np.diag(C) + C[b, b] - 2.0 * C[b], 0.0))
     return tuple(np.flatnonzero((s[b] - s) <= LARGEST_SIGMAS * spread).tolist())
+
+
+def _mean_speed(flown: list[Stretch]) -> Array:
+    return np.asarray(np.mean([stretch.speed for stretch in flown], axis=0))
 
 
 def _fit(flown: list[Stretch], length: int, sign: int) -> Fit | None:
