@@ -8,7 +8,8 @@ clusters c of about a second, times c / (c - n - 1): blocks close in time share 
 independent rows would be far too sure. `kappa` = trace sandwich / trace G^-1 >= 1 is that excess; whatever
 a refit under bounds costs is divided by it.
 
-Source: sheet 2 section 5.
+Of so few unknowns the exchanges of `settle` on a plain table cost less than a general solver's call, and bounds hold
+exactly rather than by a weight. Source: sheet 2 section 5.
 """
 
 import math

@@ -54,7 +54,8 @@ class Lag:
 
     def step(self, dt: float, w: float, squares: float) -> tuple[float, float]:
         """Return both filtered at the end of a step of dt [s] from the last inputs to these."""
-        left, straight = lag_weights(dt, self.tau)
+        left = math.exp(-dt / self.tau)
+        straight = 1.0 - self.tau * (1.0 - left) / dt
         was, squares_was = self.w, self.squares
         self.lagged_w = y = left * self.lagged_w + (1.0 - left) * was + straight * (w - was)
         self.lagged_squares = z = (
@@ -62,12 +63,6 @@ class Lag:
         )
         self.w, self.squares = w, squares
         return y, z
-
-
-def lag_weights(dt: float, tau: float) -> tuple[float, float]:
-    """Return what a lag of tau [s] keeps of its output over dt [s], and takes of the input's straight rise."""
-    left = math.exp(-dt / tau)
-    return left, 1.0 - tau * (1.0 - left) / dt
 
 
 class CurrentTiming:
@@ -147,12 +142,16 @@ class CurrentTiming:
 
 def lagged(t: Array, w: Array, tau: float) -> tuple[Array, Array]:
     """Return w(t) and its square behind a first-order lag `tau` [s]."""
-    speeds = w.tolist()
-    lag = Lag(tau, speeds[0], speeds[0] * speeds[0])
-    out = [(lag.w, lag.squares)]
-    out += [lag.step(dt, x, x * x) for dt, x in zip(np.diff(t).tolist(), speeds[1:], strict=True)]
-    behind, squares = np.array(out).T
-    return behind, squares
+    dt, both = np.diff(t), w + 1j * (w * w)  # as `Lag` has them, the square as the imaginary part
+    left = np.exp(-dt / tau)
+    push = (1.0 - left) * both[:-1] + (1.0 - tau * (1.0 - left) / dt) * np.diff(both)
+    y = complex(both[0])
+    out = [y]
+    for keep, gain in zip(left.tolist(), push.tolist(), strict=True):
+        y = keep * y + gain
+        out.append(y)
+    behind = np.array(out)
+    return behind.real, behind.imag
 
 
 def quantum(values: Array) -> float:

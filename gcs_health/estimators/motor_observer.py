@@ -109,7 +109,12 @@ class MotorObserver:
         """Take one reading; return estimates of all rotors where a decision changed with it."""
         kind = type(reading)
         if kind is ImuReading:  # by far the most frequent, and of use to the coupled form alone
-            self._take_rates(reading)  # type: ignore[arg-type]
+            if reading.t < self._imu_t:
+                self._order.late += 1
+                return []
+            self._imu_t = reading.t
+            if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
+                self.core.imu(reading)  # type: ignore[arg-type]
             return []
         if not self._in_order(reading.t):
             return []
@@ -124,14 +129,6 @@ class MotorObserver:
             elif isinstance(reading, CommandReading):
                 self.core.commands(reading)
         return []
-
-    def _take_rates(self, reading: ImuReading) -> None:
-        if reading.t < self._imu_t:
-            self._order.late += 1
-            return
-        self._imu_t = reading.t
-        if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
-            self.core.imu(reading)
 
     def _take_rotors(self, reading: RotorReading) -> bool:
         for k, speed in enumerate(reading.speed[: len(self._speed_t)]):
