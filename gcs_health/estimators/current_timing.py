@@ -9,6 +9,7 @@ Source: sheet 3, recommended mode, step 2; that a mean over the interval is told
 
 import math
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +97,7 @@ class CurrentTiming:
 
     def _judge(self, block: Array) -> None:
         t, w, i = block.T
-        usual = float(np.median(np.diff(t)))
+        usual = median(np.diff(t).tolist())
         candidates = [SNAPSHOT, Timing(mean=True)]
         if usual < self.config.slow:
             least = self.config.shortest_lag * usual
@@ -110,7 +111,7 @@ class CurrentTiming:
         squares = w * w
         if timing.lag:
             w, squares = lagged(t, w, timing.lag)
-        every = max(1, math.ceil(self.config.interval / float(np.median(dt))))
+        every = max(1, math.ceil(self.config.interval / median(dt.tolist())))
         charge = i[1:] * dt if timing.mean else 0.5 * (i[1:] + i[:-1]) * dt
         columns = []
         for steps in (charge, 0.5 * (squares[1:] + squares[:-1]) * dt, 0.5 * (w[1:] + w[:-1]) * dt):
