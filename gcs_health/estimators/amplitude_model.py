@@ -58,17 +58,25 @@ class HighPass:
 
     def restart(self) -> None:
         """Begin anew, as after a gap."""
-        self._x = self._y = NAN
-        self._hx = self._hy = 0.0
+        self._before: complex | None = None
+        self._passed = 0j
 
     def feed(self, dt: float, x: float, y: float) -> complex:
         """Take a sample `dt` [s] after the one before; return it without what is slower than the corner."""
-        if self._x == self._x:
-            a = 1.0 / (1.0 + 2.0 * math.pi * self.corner * dt)
-            self._hx = a * (self._hx + x - self._x)
-            self._hy = a * (self._hy + y - self._y)
-        self._x, self._y = x, y
-        return complex(self._hx, self._hy)
+        return self.block([dt], [complex(x, y)])[0]
+
+    def block(self, steps: list[float], samples: list[complex]) -> list[complex]:
+        """Take samples x + j y, each so long after the one before [s]; an infinite step begins anew."""
+        before, passed = self._before, self._passed
+        if before is None:
+            before = samples[0]
+        slow, out = 2.0 * math.pi * self.corner, []
+        for dt, now in zip(steps, samples, strict=True):
+            passed = (passed + now - before) * (1.0 / (1.0 + slow * dt))
+            before = now
+            out.append(passed)
+        self._before, self._passed = before, passed
+        return out
 
 
 def highpass_gain(omega: Array, corner: float, step: float) -> Array:

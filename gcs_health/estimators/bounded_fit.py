@@ -8,9 +8,12 @@ clusters c of about a second, times c / (c - n - 1): blocks close in time share 
 independent rows would be far too sure. `kappa` = trace sandwich / trace G^-1 >= 1 is that excess; whatever
 a refit under bounds costs is divided by it.
 
-Source: sheet 2 section 5.
+Of so few unknowns the exchanges of `settle` on a plain table cost less than a general solver's call, and bounds hold
+exactly rather than by a weight. Source: sheet 2 section 5.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +23,12 @@ from gcs_health.estimators.amplitude_model import Array
 REWEIGHTINGS = 3
 MODEL_ERROR, NOISE_ERROR = 0.1, 0.05  # floors of the model error, shares of S and nu'
 RIDGE = 1e-9  # relative, so that coinciding rotors have a Cholesky factor
-BOUND_WEIGHT = 1e4  # of the rows that hold an upper bound, over the largest of the problem
+ROUNDING = 1e-10  # relative, within which a value lies on its bound
+TRIES = 3  # exchanges of all offenders that need not help
+LOW, FREE, HIGH = -1, 0, 1
+Table = list[
+    list[float]
+]  # (n, n + 1), of G x + slope = b: each free x or held one's slope by the others and b
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,24 +39,29 @@ class Fit:
     ----------
     s : (n,) non-negative. nu : noise.
     covariance : (n, n) of s, sandwich.
-    inseparable : smallest eigenvalue of the normalised Gram matrix [-], and
-    tangle : (n,) its eigenvector's entries of the rotors.
     """
 
     s: Array
     nu: float
     covariance: Array
-    inseparable: float
-    tangle: Array
-    _triangle: Array  # of the scaled, weighted problem
-    _target: Array
+    _gram: Array  # of the scaled, weighted problem, (n + 1, n + 1)
+    _table: Table
+    _flat: float
+    _x: Array  # its solution
+    _slope: Array  # of half the sum of squares, at the solution
+    _held: list[int]
     _scale: Array
     _kappa: float
-    _cost: float
 
     def std(self) -> Array:
         """Return the standard deviation of each s."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def tangle(self) -> tuple[float, Array]:
+        """Return the smallest eigenvalue of the normalised Gram matrix [-], its eigenvector's (n,) entries."""
+        norm = 1.0 / np.maximum(np.sqrt(self._gram.diagonal()), 1e-300)
+        values, vectors = np.linalg.eigh(self._gram * norm * norm[:, None])
+        return float(values[0]), np.abs(vectors[:-1, 0])
 
     def cost(self, low: Array, high: Array) -> float:
         """Return what it costs to hold every s within [low, high]: a chi-square difference.
@@ -57,95 +70,169 @@ class Fit:
         ----------
         low, high : (n,) bounds in the units of s; 0 and infinity bind nothing.
         """
-        scale = self._scale
-        low = np.append(low, 0.0) / scale
-        high = np.append(high, np.inf) / scale
-        target = self._target - self._triangle @ low
-        matrix, right = self._triangle, target
-        bound = np.flatnonzero(np.isfinite(high))
-        if len(bound):  # y + slack = high - low, held by weight: a bound for non-negative least squares
-            weight = BOUND_WEIGHT * float(np.abs(self._triangle).max())
-            n = len(low)
-            rows = np.zeros((len(bound), n + len(bound)))
-            rows[np.arange(len(bound)), bound] = weight
-            rows[np.arange(len(bound)), n + np.arange(len(bound))] = weight
-            matrix = np.vstack((np.hstack((matrix, np.zeros((n, len(bound))))), rows))
-            right = np.concatenate((target, weight * (high - low)[bound]))
-        _, residual = _nnls(matrix, right)
-        return max(residual * residual - self._cost, 0.0) / self._kappa
+        scale = self._scale[:-1]
+        bounds = [*(low / scale).tolist(), 0.0], [*(high / scale).tolist(), math.inf]
+        x = settle(self._table[:], self._held[:], *bounds, self._flat)
+        off = x - self._x
+        return max(float(off @ (self._gram @ off + 2.0 * self._slope)), 0.0) / self._kappa
 
 
-def fit(power: Array, mix: Array, noise: Array, cluster: Array) -> Fit | None:
+def fit(power: Array, mix: Array, noise: Array, starts: list[int]) -> Fit | None:
     """Solve for s and nu; None where the rows are too few, or not numbers.
 
     Parameters
     ----------
     power : (m,) |Y|². mix : (m, n). noise : (m,) sum of squared weights.
-    cluster : (m,) ascending number of the second that each row belongs to.
+    starts : first row of each second, ascending.
     """
-    n = mix.shape[1]
-    starts = np.flatnonzero(np.diff(cluster, prepend=-1))
-    clusters = len(starts)
-    if clusters < n + 2 or not (np.isfinite(power).all() and np.isfinite(mix).all()):
+    n, clusters = mix.shape[1], len(starts)
+    if clusters < n + 2:
         return None
-    matrix = np.column_stack((mix, noise))
-    scale = 1.0 / np.maximum(np.sqrt(np.mean(matrix * matrix, axis=0)), 1e-300)
-    matrix = matrix * scale
-    unit = float(np.mean(power))
-    if not unit > 0.0:
+    rows = np.concatenate((mix.T, noise[None], power[None]))  # (n + 2, m): sums run along the rows
+    unit = float(power.sum()) / len(power)
+    size = (rows[:-1] * rows[:-1]).sum(axis=1) / len(power)
+    if not (unit > 0.0 and math.isfinite(unit + float(size.sum()))):
         return None
-    power = power / unit
-    variance = np.full(len(power), 1.0)
-    x = np.zeros(n + 1)
-    for _ in range(REWEIGHTINGS + 1):
-        weighted = matrix / variance[:, None]
-        gram, right = matrix.T @ weighted, weighted.T @ power
-        own = np.diag(gram).copy()
-        gram.flat[:: n + 2] += np.where(own > 0.0, RIDGE * own, 1.0)  # a blind rotor has an empty column
+    scale = 1.0 / np.maximum(np.sqrt(size), 1e-300)
+    rows *= np.append(scale, 1.0 / unit)[:, None]
+    matrix, squares, weighted = rows[:-1], rows[:n] * rows[:n], rows
+    blind = np.where(size > 0.0, 0.0, 1.0)  # such a rotor has an empty column
+    free = [0.0] * (n + 1), [math.inf] * (n + 1)
+    for left in range(REWEIGHTINGS, -1, -1):
+        products = weighted @ matrix.T
+        gram, right = products[:-1], products[-1]
+        own = gram.reshape(-1)[:: n + 2]
+        own += RIDGE * own + blind
         try:
-            triangle = np.linalg.cholesky(gram).T
+            inverse = np.linalg.inv(gram)
         except np.linalg.LinAlgError:  # absurd numbers
             return None
-        target = np.linalg.solve(triangle.T, right)
-        x, residual = _nnls(triangle, target)
-        variance = _variance(matrix, x)
-    inverse = np.linalg.inv(gram)
-    scores = weighted * (power - matrix @ (inverse @ right))[:, None]
-    clustered = np.add.reduceat(scores, starts, axis=0)
-    meat = clustered.T @ clustered * (clusters / (clusters - n - 1))
+        x, held = inverse @ right, [FREE] * (n + 1)
+        if not left or not min(x.tolist()) >= 0.0:
+            table = np.concatenate((inverse, x[:, None]), axis=1).tolist()
+            flat = ROUNDING * float(np.abs(right).max())
+            x = settle(table, held, *free, flat)
+        if left:
+            weighted = rows / _variance(matrix, squares, x)
+    if not math.isfinite(float(x.sum())):
+        return None
+    scores = weighted[:-1] * (rows[-1] - (inverse @ right) @ matrix)
+    clustered = np.add.reduceat(scores, starts, axis=1)
+    meat = clustered @ clustered.T * (clusters / (clusters - n - 1))
     sandwich = inverse @ meat @ inverse
-    kappa = max(1.0, float(np.trace(sandwich) / np.trace(inverse)))
-    norm = 1.0 / np.maximum(np.sqrt(np.diag(gram)), 1e-300)
-    values, vectors = np.linalg.eigh(gram * norm * norm[:, None])
+    kappa = max(1.0, float(sandwich.trace() / inverse.trace()))
     back = unit * scale
     return Fit(
         (x * back)[:n],
         float(x[n] * back[n]),
         (sandwich * back * back[:, None])[:n, :n],
-        float(values[0]),
-        np.abs(vectors[:n, 0]),
-        triangle,
-        target,
+        gram,
+        table,
+        flat,
+        x,
+        gram @ x - right,
+        held,
         back,
         kappa,
-        residual * residual,
     )
 
 
-def _variance(matrix: Array, x: Array) -> Array:
-    """Return V of each row, in the scaled units."""
-    parts = matrix[:, :-1] * x[:-1]
-    total = parts.sum(axis=1)
-    noise = matrix[:, -1] * x[-1]
-    v = noise * noise * (1.0 + NOISE_ERROR**2) + 2.0 * noise * total
-    v += total * total * (1.0 + MODEL_ERROR**2) - (parts * parts).sum(axis=1)
-    floor = 1e-6 * float(np.mean(v)) + 1e-30
-    out: Array = np.maximum(v, floor)
+def _variance(matrix: Array, squares: Array, x: Array) -> Array:
+    """Return V of each row, in the scaled units; `squares` of the matrix without its noise."""
+    s, nu = x[:-1], x[-1]
+    total, noise = s @ matrix[:-1], nu * matrix[-1]
+    v = total * (2.0 * noise + (1.0 + MODEL_ERROR**2) * total)
+    v += (1.0 + NOISE_ERROR**2) * noise * noise
+    v -= (s * s) @ squares
+    out: Array = np.maximum(v, 1e-6 / len(v) * float(v.sum()) + 1e-30)
     return out
 
 
-def _nnls(matrix: Array, right: Array) -> tuple[Array, float]:
-    from scipy.optimize import nnls  # only where used: half a second to import
+def settle(table: Table, held: list[int], low: Sequence[float], high: Sequence[float], flat: float) -> Array:
+    """Return the x within [low, high] of the least x'Gx - 2 b'x.
 
-    solution, residual = nnls(matrix, right, maxiter=50 * matrix.shape[1])
-    return solution, float(residual)
+    All that offend are freed or held at once, as long as that helps; then one at a time, which always ends.
+
+    Parameters
+    ----------
+    table, held : where to begin, LOW, FREE or HIGH of each entry (HIGH only at a finite bound); brought to the
+        solution. Near it there is little to do.
+    flat : slope that counts for none.
+
+    Source: Judice and Pires, "A block principal pivoting algorithm for large-scale strictly monotone linear
+    complementarity problems", 1994.
+    """
+    n = len(table)
+    fewest, tries = n + 1, TRIES
+    values: list[float] = []
+    for _ in range(20 * n):
+        values = _values(table, held, low, high)
+        offend = _offending(table, held, values, low, high, flat)
+        if not offend:
+            break
+        if len(offend) < fewest:
+            fewest, tries = len(offend), TRIES
+        elif tries:
+            tries -= 1
+        else:
+            offend = offend[-1:]
+        for i, state in offend:
+            if not _exchange(table, i):
+                break  # absurd numbers
+            held[i] = state
+    return np.array(
+        [
+            min(max(x, b), c) if state == FREE else b if state == LOW else c
+            for state, x, b, c in zip(held, values, low, high, strict=True)
+        ]
+    )
+
+
+def _values(table: Table, held: list[int], low: Sequence[float], high: Sequence[float]) -> list[float]:
+    """Return x of each entry that is free, minus the slope of each that is held."""
+    values = [row[-1] for row in table]
+    for j, state in enumerate(held):
+        if state != FREE:
+            bound = low[j] if state == LOW else high[j]
+            if bound:
+                values = [value - row[j] * bound for value, row in zip(values, table, strict=True)]
+    return values
+
+
+def _offending(
+    table: Table,
+    held: list[int],
+    values: list[float],
+    low: Sequence[float],
+    high: Sequence[float],
+    flat: float,
+) -> list[tuple[int, int]]:
+    """Return which entries are free beyond a bound or held though they would leave it, and what they should be."""
+    sizes = [abs(row[-1]) for row, state in zip(table, held, strict=True) if state == FREE]
+    near = ROUNDING * max(sizes, default=0.0)
+    offend = []
+    for i, (state, value) in enumerate(zip(held, values, strict=True)):
+        if state != FREE:
+            if value * state < -flat:
+                offend.append((i, FREE))
+        elif value < low[i] - near:
+            offend.append((i, LOW))
+        elif value > high[i] + near:
+            offend.append((i, HIGH))
+    return offend
+
+
+def _exchange(table: Table, k: int) -> bool:
+    """Free an entry that is held, or hold one that is free; return whether it could be done."""
+    pivot = table[k][k]
+    if not pivot > 0.0:
+        return False
+    row = [value / pivot for value in table[k]]
+    row[k] = 1.0 / pivot
+    for i, other in enumerate(table):
+        if i != k:
+            share = other[k]
+            table[i] = made = [value - share * part for value, part in zip(other, row, strict=True)]
+            made[k] = -share / pivot
+    table[k] = row
+    return True

@@ -17,8 +17,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 
 @dataclass(frozen=True, slots=True)
 class SideConfig:
@@ -105,19 +103,18 @@ class CurrentSide:
                 continue
             mean = max(i / count, offset)
             variance = max(square / count - (i / count) ** 2, 0.0) / count + 0.5 * offset**2
-            rows.append((math.log(w / count), math.log(mean), variance / mean**2 + c.scatter**2))
+            rows.append((math.log(w / count), math.log(mean), 1.0 / (variance / mean**2 + c.scatter**2)))
         if len(rows) < c.least_bins:
             return
-        x, y, v = np.array(rows).T
-        weight = 1.0 / v
-        total = weight.sum()
-        dx = x - (weight * x).sum() / total
-        if math.sqrt(float(np.mean(dx * dx))) < c.spread:
+        total = sum([weight for _, _, weight in rows])
+        middle = sum([weight * x for x, _, weight in rows]) / total
+        level = sum([weight * y for _, y, weight in rows]) / total
+        if math.sqrt(sum([(x - middle) ** 2 for x, _, _ in rows]) / len(rows)) < c.spread:
             return
-        xx = float((weight * dx * dx).sum())
-        slope = float((weight * dx * y).sum()) / xx
-        residual = y - (weight * y).sum() / total - slope * dx
-        excess = float((weight * residual**2).sum()) / (len(rows) - 2)
+        xx = sum([weight * (x - middle) ** 2 for x, _, weight in rows])
+        slope = sum([weight * (x - middle) * y for x, y, weight in rows]) / xx
+        excess = sum([weight * (y - level - slope * (x - middle)) ** 2 for x, y, weight in rows])
+        excess /= len(rows) - 2
         self.exponent = slope
         self.error = math.sqrt(max(excess, 1.0) / xx)
 

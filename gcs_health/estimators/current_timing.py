@@ -9,6 +9,7 @@ Source: sheet 3, recommended mode, step 2; that a mean over the interval is told
 
 import math
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -43,21 +44,26 @@ class TimingConfig:
 
 
 class Lag:
-    """First-order lag, exact for a signal that runs straight between irregular samples."""
+    """First-order lag of a speed and its square, exact for signals that run straight between irregular samples."""
 
-    __slots__ = ("tau", "x", "y")
+    __slots__ = ("lagged_squares", "lagged_w", "squares", "tau", "w")
 
-    def __init__(self, tau: float, x: float) -> None:
+    def __init__(self, tau: float, w: float, squares: float) -> None:
         self.tau = tau
-        self.x = self.y = x
+        self.w = self.lagged_w = w
+        self.squares = self.lagged_squares = squares
 
-    def step(self, dt: float, x: float) -> float:
-        """Return the filtered value at the end of a step from the last input to `x` over dt [s]."""
-        tau = self.tau
-        a = math.exp(-dt / tau)
-        self.y = y = a * self.y + (1.0 - a) * self.x + (x - self.x) / dt * (dt - tau * (1.0 - a))
-        self.x = x
-        return y
+    def step(self, dt: float, w: float, squares: float) -> tuple[float, float]:
+        """Return both filtered at the end of a step of dt [s] from the last inputs to these."""
+        left = math.exp(-dt / self.tau)
+        straight = 1.0 - self.tau * (1.0 - left) / dt
+        was, squares_was = self.w, self.squares
+        self.lagged_w = y = left * self.lagged_w + (1.0 - left) * was + straight * (w - was)
+        self.lagged_squares = z = (
+            left * self.lagged_squares + (1.0 - left) * squares_was + straight * (squares - squares_was)
+        )
+        self.w, self.squares = w, squares
+        return y, z
 
 
 class CurrentTiming:
@@ -91,7 +97,7 @@ class CurrentTiming:
 
     def _judge(self, block: Array) -> None:
         t, w, i = block.T
-        usual = float(np.median(np.diff(t)))
+        usual = median(np.diff(t).tolist())
         candidates = [SNAPSHOT, Timing(mean=True)]
         if usual < self.config.slow:
             least = self.config.shortest_lag * usual
@@ -104,8 +110,8 @@ class CurrentTiming:
         dt = np.diff(t)
         squares = w * w
         if timing.lag:
-            w, squares = lagged(t, w, timing.lag), lagged(t, squares, timing.lag)
-        every = max(1, math.ceil(self.config.interval / float(np.median(dt))))
+            w, squares = lagged(t, w, timing.lag)
+        every = max(1, math.ceil(self.config.interval / median(dt.tolist())))
         charge = i[1:] * dt if timing.mean else 0.5 * (i[1:] + i[:-1]) * dt
         columns = []
         for steps in (charge, 0.5 * (squares[1:] + squares[:-1]) * dt, 0.5 * (w[1:] + w[:-1]) * dt):
@@ -135,17 +141,23 @@ class CurrentTiming:
         return True
 
 
-def lagged(t: Array, x: Array, tau: float) -> Array:
-    """Return x(t) behind a first-order lag `tau` [s]."""
-    lag = Lag(tau, float(x[0]))
-    out = [lag.y]
-    out += [lag.step(dt, value) for dt, value in zip(np.diff(t).tolist(), x[1:].tolist(), strict=True)]
-    return np.array(out)
+def lagged(t: Array, w: Array, tau: float) -> tuple[Array, Array]:
+    """Return w(t) and its square behind a first-order lag `tau` [s]."""
+    dt, both = np.diff(t), w + 1j * (w * w)  # as `Lag` has them, the square as the imaginary part
+    left = np.exp(-dt / tau)
+    push = (1.0 - left) * both[:-1] + (1.0 - tau * (1.0 - left) / dt) * np.diff(both)
+    y = complex(both[0])
+    out = [y]
+    for keep, gain in zip(left.tolist(), push.tolist(), strict=True):
+        y = keep * y + gain
+        out.append(y)
+    behind = np.array(out)
+    return behind.real, behind.imag
 
 
 def quantum(values: Array) -> float:
     """Return the step in which values are told; 0 where they lie on no grid."""
-    steps = np.diff(np.unique(values))
+    steps = np.diff(np.sort(values))
     steps = steps[steps > 1e-6]
     if not len(steps):
         return 0.0

@@ -16,6 +16,7 @@ Source: Melczer (2019), appendix C; sheet 3, recommended mode, steps 7 and 8.
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import mul
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from gcs_health.estimators.torque_balance import Constants
 
 Array = NDArray[np.floating[Any]]
 UNIT = 500.0  # rad/s, only to keep the normal equations' entries alike
+SCALE = np.array([[UNIT**-2], [1.0 / UNIT], [1.0 / UNIT], [1.0], [1.0], [1.0]])  # of an interval's figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +67,7 @@ class FlightIdentification:
     def __init__(self, prior: Constants, config: IdentificationConfig) -> None:
         self.config = config
         self.prior = prior
-        self._xx = np.zeros((3, 3))
-        self._xy = np.zeros(3)
+        self._sums = np.zeros((3, 4))  # of w², w, w' over the same and the current
         self.time = 0.0  # of the intervals taken in [s]
 
     def take(self, rows: list[tuple[float, ...]], speed_variance: float, inertia: bool) -> None:
@@ -74,59 +75,83 @@ class FlightIdentification:
 
         `speed_variance` [(rad/s)²] of one sample; `inertia` = the intervals may teach the inertia.
         """
-        squares, turning, rise, current, noise, dt = np.array(rows).T
-        x = np.stack([squares / UNIT**2, turning / UNIT, rise / UNIT], axis=1)
-        y = current
+        table = np.array(rows).T * SCALE  # w², w, w' in their units
         if not inertia:
-            calm = np.abs(x[:, 2]) < 0.3 * x[:, 1]
-            x, y, noise, dt = x[calm] * np.array([1.0, 1.0, 0.0]), y[calm], noise[calm], dt[calm]
+            table = table[:, np.abs(table[2]) < 0.3 * table[1]]
+            table[2] = 0.0
+        noise, dt = table[4], table[5]
         weight = self.config.share / noise
         span = float(dt.sum())
         keep = math.exp(-span / self.config.memory)
-        xx = x.T @ (weight[:, None] * x)
+        products = (weight * table[:3]) @ table[:4].T  # over w², w, w' and the current
         if inertia:
-            noise_power = float((weight * 2.0 * speed_variance / (dt * UNIT) ** 2).sum())
+            noise_power = 2.0 * speed_variance / UNIT**2 * float((weight / (dt * dt)).sum())
             # where nothing accelerates all is noise: never take off more than half, or c runs away
-            xx[2, 2] -= min(noise_power, 0.5 * float(xx[2, 2]))
-        self._xx = keep * self._xx + xx
-        self._xy = keep * self._xy + x.T @ (weight * y)
+            products[2, 2] -= min(noise_power, 0.5 * float(products[2, 2]))
+        self._sums = keep * self._sums + products
         self.time += span
 
     def solve(self, level: float) -> Identified | None:
         """Return the constants; `level` [rad/s] is the flight's usual speed. None without data."""
         c = self.config
-        xx, xy = self._xx.copy(), self._xy.copy()
-        if not (xx[0, 0] > 0.0 and xy[0] > 0.0 and level > 0.0):
+        xx = self._sums.tolist()
+        xy = [row.pop() for row in xx]
+        if not (xx[0][0] > 0.0 and xy[0] > 0.0 and level > 0.0):
             return None
-        crude = float(xy[0] / xx[0, 0])  # of the drag, friction and all
-        scale = np.array([UNIT**2, UNIT, UNIT])
-        given = np.array([self.prior.a, self.prior.f, self.prior.c]) * scale
-        spread = np.array([c.known_drag, c.known_friction, c.inertia]) * np.abs(given)
-        for k in range(3):
+        separable = 1.0 - xx[0][1] ** 2 / max(xx[0][0] * xx[1][1], 1e-12)
+        crude = xy[0] / xx[0][0]  # of the drag, friction and all
+        given = [self.prior.a * UNIT**2, self.prior.f * UNIT, self.prior.c * UNIT]
+        for k, spread in enumerate((c.known_drag, c.known_friction, c.inertia)):
             if given[k] > 0.0:
-                xx[k, k] += spread[k] ** -2
-                xy[k] += given[k] * spread[k] ** -2
+                xx[k][k] += (spread * given[k]) ** -2
+                xy[k] += given[k] * (spread * given[k]) ** -2
         ratio = level / UNIT
         for k, usual in ((1, c.usual_friction * ratio), (2, c.usual_inertia * ratio)):
             if not given[k] > 0.0:  # theta_k = usual theta_0, as sure as it is large
-                line = np.zeros(3)
-                line[0], line[k] = -usual, 1.0
-                xx += np.outer(line, line) * (usual * crude) ** -2
-        if np.linalg.eigvalsh(xx)[0] <= 0.0:
+                sure = (usual * crude) ** -2
+                xx[0][0] += usual * usual * sure
+                xx[k][k] += sure
+                xx[0][k] -= usual * sure
+                xx[k][0] = xx[0][k]
+        covariance = _inverse(xx)
+        if covariance is None:
             return None
-        theta = np.linalg.solve(xx, xy)
+        theta = [sum(map(mul, row, xy)) for row in covariance]
         # least current that a constant may stand for: no negative friction or inertia
-        theta = np.maximum(theta, [0.3 * crude, 0.0, 0.0])
+        theta = list(map(max, theta, (0.3 * crude, 0.0, 0.0)))
         if given[2] > 0.0:
             low, high = c.inertia_range
             theta[2] = min(max(theta[2], low * given[2]), high * given[2])
-        covariance = np.linalg.inv(xx)
-        std = np.sqrt(np.diag(covariance))
-        data = self._xx
-        separable = 1.0 - data[0, 1] ** 2 / max(data[0, 0] * data[1, 1], 1e-12)
-        a, f, inertia = (float(value) for value in theta / scale)
-        sa, sf, sc = (float(value) for value in std / scale)
-        return Identified(a, f, inertia, sa, sf, sc, float(separable))
+        sa, sf, sc = (math.sqrt(covariance[k][k]) for k in range(3))
+        return Identified(
+            theta[0] / UNIT**2,
+            theta[1] / UNIT,
+            theta[2] / UNIT,
+            sa / UNIT**2,
+            sf / UNIT,
+            sc / UNIT,
+            separable,
+        )
+
+
+def _inverse(m: list[list[float]]) -> list[list[float]] | None:
+    """Return the inverse of a symmetric (3, 3) matrix by its Cholesky factor; None if it is not positive definite."""
+    (a, b, c), (_, d, e), (_, _, f) = m
+    if not a > 0.0:
+        return None
+    p, q = b / a, c / a
+    d -= b * p
+    if not d > 0.0:
+        return None
+    e -= c * p
+    r = e / d
+    f -= c * q + e * r
+    if not f > 0.0:
+        return None
+    # M = L D L', so that M^-1 = L^-T D^-1 L^-1 with L^-1 = [1; -p 1; s -r 1]
+    s = p * r - q
+    ab, ac, bc = -p / d - s * r / f, s / f, -r / f
+    return [[1.0 / a + p * p / d + s * s / f, ab, ac], [ab, 1.0 / d + r * r / f, bc], [ac, bc, 1.0 / f]]
 
 
 class Staircase(NamedTuple):

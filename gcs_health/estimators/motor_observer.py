@@ -22,7 +22,12 @@ from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, 
 from gcs_health.estimators.motor_observer_config import MotorObserverConfig
 from gcs_health.estimators.motor_observer_paper import PaperObserver
 from gcs_health.estimators.motor_observer_recommended import RecommendedObserver
-from gcs_health.estimators.motor_observer_report import Report, report_paper, report_recommended
+from gcs_health.estimators.motor_observer_report import (
+    Report,
+    currents_evidence,
+    report_paper,
+    report_recommended,
+)
 from gcs_health.samples import (
     BatteryReading,
     CommandReading,
@@ -104,7 +109,12 @@ class MotorObserver:
         """Take one reading; return estimates of all rotors where a decision changed with it."""
         kind = type(reading)
         if kind is ImuReading:  # by far the most frequent, and of use to the coupled form alone
-            self._take_rates(reading)  # type: ignore[arg-type]
+            if reading.t < self._imu_t:
+                self._order.late += 1
+                return []
+            self._imu_t = reading.t
+            if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
+                self.core.imu(reading)  # type: ignore[arg-type]
             return []
         if not self._in_order(reading.t):
             return []
@@ -120,14 +130,6 @@ class MotorObserver:
                 self.core.commands(reading)
         return []
 
-    def _take_rates(self, reading: ImuReading) -> None:
-        if reading.t < self._imu_t:
-            self._order.late += 1
-            return
-        self._imu_t = reading.t
-        if isinstance(self.core, PaperObserver) and self.core.coupled is not None:
-            self.core.imu(reading)
-
     def _take_rotors(self, reading: RotorReading) -> bool:
         for k, speed in enumerate(reading.speed[: len(self._speed_t)]):
             if 0.0 <= speed < math.inf:
@@ -136,14 +138,15 @@ class MotorObserver:
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return effectiveness of every rotor, then drag of every rotor, at vehicle time `t` [s]."""
-        out = []
+        core, out = self.core, []
+        missing = [self._missing(t, rotor) for rotor in range(len(self._speed_t))]
+        currents = () if isinstance(core, PaperObserver) else currents_evidence(core)
         for quantity in self.quantities:
-            for rotor in range(len(self._speed_t)):
-                reasons = self._missing(t, rotor)
-                if isinstance(self.core, PaperObserver):
-                    report = report_paper(self.core, rotor, quantity, reasons)
+            for rotor, reasons in enumerate(missing):
+                if isinstance(core, PaperObserver):
+                    report = report_paper(core, rotor, quantity, reasons)
                 else:
-                    report = report_recommended(self.core, t, rotor, quantity, reasons)
+                    report = report_recommended(core, t, rotor, quantity, reasons, currents)
                 out.append(self._estimate(t, rotor, quantity, report))
         return out
 

@@ -54,7 +54,7 @@ class RecommendedObserver:
         self.witness = ""  # what the battery's own sensor says of the side
         self._slow = [SlowMean(config.ratio.slow_time) for _ in range(n)]
         self._lag = 0.0  # s
-        self._lags: list[tuple[Lag, Lag] | None] = [None] * n  # of speed and its square
+        self._lags: list[Lag | None] = [None] * n
         self._last = [(-math.inf, 0.0)] * n  # time and speed before, where braking matters
         self._look = [-math.inf] * n  # when a steady moment is looked for next
         self._noted: list[tuple[float, float] | None] = [None] * n  # time and speed last looked at
@@ -114,10 +114,11 @@ class RecommendedObserver:
 
     def _rotor(self, k: int, given: RotorInput, dt: float, judged: bool, slowest: float) -> bool:
         """Take one rotor's new speed and current; return whether it was lost or found again."""
-        t, w, i = given.t, given.speed, given.current
+        t, w, i, side = given.t, given.speed, given.current, self.measured_on
         if t >= self._look[k]:
             self._note_steady(k, given)
-        if self.measured_on == "battery":
+            side = self.measured_on
+        if side == "battery":
             i = self._converted(k, given)
         fast = not given.interval > self.config.slowest
         if judged and (not fast or i != i):
@@ -137,7 +138,7 @@ class RecommendedObserver:
         if self._lag:
             w, squares = self._lagged(k, dt, w, squares)
         was = balance.lost
-        testable = judged and fast and self.measured_on is not None
+        testable = judged and fast and side is not None
         if balance.sample(t, w, squares, i, testable) and len(balance.rows) >= self.config.rows:
             self._look_at_constants(k, balance, given)
         return balance.lost is not was
@@ -172,11 +173,11 @@ class RecommendedObserver:
 
     def _lagged(self, k: int, dt: float, w: float, squares: float) -> tuple[float, float]:
         """Put speed and its square behind the lag of the current."""
-        lags = self._lags[k]
-        if lags is None or dt > self.config.balance.gap:
-            self._lags[k] = Lag(self._lag, w), Lag(self._lag, squares)
+        lag = self._lags[k]
+        if lag is None or dt > self.config.balance.gap:
+            self._lags[k] = Lag(self._lag, w, squares)
             return w, squares
-        return lags[0].step(dt, w), lags[1].step(dt, squares)
+        return lag.step(dt, w, squares)
 
     def _converted(self, k: int, given: RotorInput) -> float:
         """Return the motor's current of a battery-side one; NaN where it cannot be told."""

@@ -8,6 +8,7 @@ from gcs_health.estimators.motor_observer_paper import PaperObserver
 from gcs_health.estimators.motor_observer_recommended import RecommendedObserver
 
 NAN = math.nan
+Evidence = tuple[tuple[str, float | str], ...]
 UNDECIDED = 0.89  # highest failure probability while the rules are not satisfied
 DECIDED = 0.9001  # lowest once they are
 NOT_DRIVEN = 0.99
@@ -25,7 +26,7 @@ class Report(NamedTuple):
     status: Status
     reasons: tuple[Reason, ...]
     detectable: float = NAN
-    evidence: tuple[tuple[str, float | str], ...] = ()
+    evidence: Evidence = ()
 
 
 def nothing(reasons: list[Reason], probability: float = NAN) -> Report:
@@ -69,15 +70,20 @@ def report_paper(core: PaperObserver, rotor: int, quantity: Quantity, reasons: l
 
 
 def report_recommended(
-    core: RecommendedObserver, t: float, rotor: int, quantity: Quantity, reasons: list[Reason]
+    core: RecommendedObserver,
+    t: float,
+    rotor: int,
+    quantity: Quantity,
+    reasons: list[Reason],
+    currents: Evidence,
 ) -> Report:
-    """Report one rotor at t [s]. `reasons` = which of its inputs are missing."""
+    """Report one rotor at t [s]. `reasons` = which of its inputs are missing; `currents` = what is known of them."""
     if reasons:
         return nothing(reasons)
     if core.undriven.undriven[rotor]:
         probability = NOT_DRIVEN if quantity is Quantity.EFFECTIVENESS else NAN
         given = core.inputs[rotor]
-        evidence: tuple[tuple[str, float | str], ...] = (
+        evidence: Evidence = (
             ("rule", "motor_not_driven"),
             ("speed_over_level", given.speed / core.level.value if core.level.value else NAN),
             ("current", given.current),
@@ -87,8 +93,8 @@ def report_recommended(
     if not core.level.airborne:
         return nothing([Reason.ON_GROUND])
     if quantity is Quantity.EFFECTIVENESS:
-        return _effectiveness(core, t, rotor)
-    return _drag(core, rotor)
+        return _effectiveness(core, t, rotor, currents)
+    return _drag(core, rotor, currents)
 
 
 def refused(core: RecommendedObserver, rotor: int) -> list[Reason]:
@@ -105,7 +111,7 @@ def refused(core: RecommendedObserver, rotor: int) -> list[Reason]:
     return reasons
 
 
-def currents_evidence(core: RecommendedObserver) -> tuple[tuple[str, float | str], ...]:
+def currents_evidence(core: RecommendedObserver) -> Evidence:
     """Return what is known of the currents."""
     timing = core.timing.decided
     found: list[tuple[str, float | str]] = [("current_side", core.measured_on or "unknown")]
@@ -119,9 +125,8 @@ def currents_evidence(core: RecommendedObserver) -> tuple[tuple[str, float | str
     return tuple(found)
 
 
-def _effectiveness(core: RecommendedObserver, t: float, rotor: int) -> Report:
+def _effectiveness(core: RecommendedObserver, t: float, rotor: int, evidence: Evidence) -> Report:
     balance = core.balances[rotor]
-    evidence = currents_evidence(core)
     reasons = refused(core, rotor)
     if reasons:
         return nothing(reasons)._replace(evidence=evidence)
@@ -155,8 +160,7 @@ def _effectiveness(core: RecommendedObserver, t: float, rotor: int) -> Report:
     )
 
 
-def _drag(core: RecommendedObserver, rotor: int) -> Report:
-    evidence = currents_evidence(core)
+def _drag(core: RecommendedObserver, rotor: int, evidence: Evidence) -> Report:
     by_minutes = core.by_minutes
     if not by_minutes:
         reasons = refused(core, rotor)

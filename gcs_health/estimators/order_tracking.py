@@ -16,6 +16,9 @@ Source: sheet 2 section 5.
 """
 
 import math
+from bisect import bisect_left
+from itertools import pairwise
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -33,21 +36,6 @@ RESTART = 0.1  # s without a sample after which the high-pass begins anew
 MOST_SAMPLES = 4096  # of a stretch; more is no IMU
 
 
-class Rows(NamedTuple):
-    """The equations of one stretch for one block length.
-
-    Attributes
-    ----------
-    power : (2, m) |Y|² with the spin signs as given, and flipped [(m/s²)²].
-    mix : (m, n) |Gamma|² [1/s⁴].
-    noise : (m,) sum of the squared weights [-].
-    """
-
-    power: Single
-    mix: Single
-    noise: Single
-
-
 class Stretch(NamedTuple):
     """What came of one stretch of samples.
 
@@ -55,16 +43,17 @@ class Stretch(NamedTuple):
     ----------
     t : its end [s].
     speed : (n,) mean rotor speeds [rad/s].
-    slowest : (n,) lowest rotor speeds [rad/s].
+    slowest : lowest speed of any rotor [rad/s].
     gain : (n,) |H_ap H_hp| at the mean speeds [-].
-    rows : per block length.
+    rows : per block length (m, n + 3): the equations, each |Gamma|² [1/s⁴] of every rotor, |Y|² [(m/s²)²] with
+        the spin signs as given and flipped, the sum of the squared weights [-].
     """
 
     t: float
     speed: Array
-    slowest: Array
+    slowest: float
     gain: Array
-    rows: tuple[Rows, ...]
+    rows: tuple[Single, ...]
 
 
 class SpeedTrack:
@@ -89,18 +78,20 @@ class SpeedTrack:
 
     def widest_gap(self, start: float, end: float) -> float:
         """Return the longest time without a sample within [start, end]; infinite if an end is not covered."""
-        t = np.array(self.t)
-        if not len(t) or t[0] > start or t[-1] < end:
+        t = self.t
+        if not t or t[0] > start or t[-1] < end:
             return math.inf
-        inside = (t[1:] >= start) & (t[:-1] <= end)
-        return float(np.diff(t)[inside].max()) if inside.any() else math.inf
+        return max([b - a for a, b in pairwise(t) if b >= start and a <= end], default=math.inf)
 
     def phase(self, times: Array) -> tuple[Array, Array]:
-        """Return the angle [rad] since the first sample and the speed [rad/s]; speeds are linear between."""
+        """Return the angle [rad] since the first sample and the speed [rad/s]; speeds are linear between.
+
+        Every time must lie between two samples.
+        """
         t, w = np.array(self.t), np.array(self.w)
         step = np.diff(t)
         turned = np.concatenate(([0.0], np.cumsum(0.5 * step * (w[1:] + w[:-1]))))
-        at = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(step) - 1)
+        at = np.searchsorted(t, times, side="right") - 1
         since = times - t[at]
         slope = (np.diff(w) / step)[at]
         return turned[at] + since * (w[at] + 0.5 * slope * since), w[at] + slope * since
@@ -145,7 +136,8 @@ class OrderTracker:
         self.tracks = [SpeedTrack() for _ in spins]
         self._highpass = HighPass(corner)
         self._t: list[float] = []
-        self._a: list[complex] = []
+        self._a: list[complex] = []  # not yet high-passed
+        self._taken = -math.inf  # time of the last sample that was [s]
         self._last = math.nan
         self._end = math.nan
 
@@ -162,42 +154,44 @@ class OrderTracker:
         if not 0.0 < dt < RESTART:
             if dt <= 0.0:
                 return False
-            self._highpass.restart()
             if not dt < self.stretch:
                 self._start_over()
                 self._end = t + self.stretch
-            dt = 0.0
         self._last = t
         self._t.append(t)
-        self._a.append(self._highpass.feed(dt, ax, ay))
+        self._a.append(complex(ax, ay))
         return t >= self._end + self._wait or len(self._t) > MOST_SAMPLES
 
     def blank(self) -> Stretch:
         """Return a stretch that says nothing, of the size of one that does."""
         n = len(self.tracks)
         none = np.zeros(n)
-        rows = []
-        for length in self.lengths:
-            m = 3 * n * round(self.stretch / length)
-            rows.append(Rows(np.zeros((2, m), SINGLE), np.zeros((m, n), SINGLE), np.zeros(m, SINGLE)))
-        return Stretch(-math.inf, none, none, none, tuple(rows))
+        blocks = [round(self.stretch / length) for length in self.lengths]
+        rows = tuple([np.zeros((3 * n * count, n + 3), SINGLE) for count in blocks])
+        return Stretch(-math.inf, none, 0.0, none, rows)
 
     def take(self) -> Stretch | None:
         """Return the stretch that is due, None if it cannot be used; the next one begins at its end."""
         end, start = self._end, self._end - self.stretch
-        count = int(np.searchsorted(self._t, end))
-        times, samples = np.array(self._t[:count]), np.array(self._a[:count])
+        count = bisect_left(self._t, end)
+        times, samples = np.array(self._t[:count]), self._a[:count]
         del self._t[:count], self._a[:count]
+        passed: list[complex] = []
+        if count:
+            steps = np.diff(times, prepend=self._taken)
+            steps[~(steps < RESTART)] = math.inf
+            passed = self._highpass.block(steps.tolist(), samples)
+            self._taken = float(times[-1])
         self._end = end + self.stretch
         if self._t and self._t[-1] > self._end + self.stretch + self._wait:
             self._start_over()
         gaps = [track.widest_gap(start, end) for track in self.tracks]
         made = None
         if count > 8:
-            self.step = float(np.median(np.diff(times)))
+            self.step = median(steps[1:].tolist())
             self.interval = max(gaps)
             if max(gaps) <= self._widest_gap and self.step * count > HOLES * self.stretch:
-                made = self._stretch(times, samples, start)
+                made = self._stretch(times, np.array(passed), start)
         self.dropped += made is None
         for track in self.tracks:
             track.forget(end)
@@ -207,6 +201,7 @@ class OrderTracker:
         self._t.clear()
         self._a.clear()
         self._end = self._last + self.stretch
+        self._taken = -math.inf
         self._highpass.restart()
 
     def _stretch(self, times: Array, a: Complex, start: float) -> Stretch:
@@ -214,33 +209,29 @@ class OrderTracker:
         speed = np.array([w for _, w in turned])
         gain = self.filter.gain(speed) * highpass_gain(speed, self._highpass.corner, self.step)
         turn = np.exp(1j * (self._sign * np.array([angle for angle, _ in turned])))
-        moving = speed * speed * gain * turn
-        rows = tuple(self._rows(times - start, a, turn, moving, length) for length in self.lengths)
-        return Stretch(start + self.stretch, speed.mean(axis=1), speed.min(axis=1), gain.mean(axis=1), rows)
+        # a product with a's conjugate has the power of a with all spins flipped
+        seen = np.concatenate((speed * speed * gain * turn, a[None], np.conj(a)[None])).T.copy()
+        rows = tuple([self._rows(times - start, np.conj(turn), seen, length) for length in self.lengths])
+        return Stretch(start + self.stretch, speed.mean(axis=1), float(speed.min()), gain.mean(axis=1), rows)
 
-    def _rows(self, since: Array, a: Complex, turn: Complex, moving: Complex, length: float) -> Rows:
+    def _rows(self, since: Array, back: Complex, seen: Complex, length: float) -> Single:
         """Return the rows of all blocks of one length."""
-        n = len(turn)
-        shifts = np.array([0.0, SHIFT_BINS / length, -SHIFT_BINS / length])
-        power, mix, noise = [], [], []
-        for block in range(round(self.stretch / length)):
-            first, last = np.searchsorted(since, (block * length, (block + 1) * length))
+        n, blocks = len(back), round(self.stretch / length)
+        hann = 1.0 - np.cos((2.0 * math.pi / length) * since)
+        aside = np.exp((-2j * math.pi * SHIFT_BINS / length) * since)
+        window = hann * np.array((np.ones(len(since)), aside, np.conj(aside)))
+        turned = (window[:, None, :] * back).reshape(3 * n, -1)
+        edges = np.searchsorted(since, np.arange(blocks + 1) * length).tolist()
+        sums, noise = [np.zeros((0, n + 2), complex)], []
+        for first, last in pairwise(edges):
             if last - first < 8:
                 continue
-            t = since[first:last]
-            hann = 1.0 - np.cos((2.0 * math.pi / length) * (t - block * length))
-            hann /= hann.sum()
-            aside = hann * np.exp((-2j * math.pi) * shifts[:, None] * t)
-            turned = (aside[:, None, :] * np.conj(turn[:, first:last])).reshape(3 * n, -1)
-            y = np.stack((turned @ a[first:last], np.conj(turned) @ a[first:last]))
-            power.append(y.real**2 + y.imag**2)
-            gamma = turned @ moving[:, first:last].T
-            mix.append(gamma.real**2 + gamma.imag**2)
-            noise.append(np.full(3 * n, float(hann @ hann)))
-        if not power:
-            return Rows(np.zeros((2, 0), SINGLE), np.zeros((0, n), SINGLE), np.zeros(0, SINGLE))
-        return Rows(
-            np.concatenate(power, axis=1).astype(SINGLE),
-            np.concatenate(mix).astype(SINGLE),
-            np.concatenate(noise).astype(SINGLE),
-        )
+            weights = hann[first:last]
+            total = float(weights.sum())
+            sums.append(turned[:, first:last] @ seen[first:last] / total)
+            noise.append(float(weights @ weights) / (total * total))
+        made = np.concatenate(sums)
+        rows = np.empty((len(made), n + 3), SINGLE)
+        rows[:, : n + 2] = made.real**2 + made.imag**2
+        rows[:, n + 2] = np.repeat(noise, 3 * n)
+        return rows

@@ -130,10 +130,13 @@ class PooledArEstimator:
             return []
         if not self._take(reading):
             return []
-        estimates = self.estimates(reading.t)
-        suspect = frozenset(e.rotor for e in estimates if e.failure_probability > SUSPECT)
+        t = reading.t
+        chosen = [_surest(self._answers(t, i)[0]) for i in range(len(self.airframe.rotors))]
+        suspect = frozenset(
+            [i for i, one in enumerate(chosen) if one is not None and one.probability > SUSPECT]
+        )
         changed, self._suspect = suspect ^ self._suspect, suspect
-        return [estimate for estimate in estimates if estimate.rotor in changed]
+        return [self._estimate(t, i) for i in sorted(changed)]
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
@@ -141,7 +144,7 @@ class PooledArEstimator:
 
     def _take(self, reading: Reading) -> bool:
         """Hand a reading to its parts; return whether there is a new answer."""
-        if isinstance(reading, ImuReading | BoomReading):
+        if isinstance(reading, (ImuReading, BoomReading)):
             new = self._paper is not None and self._paper.feed(reading)
             for watch, alarm in zip(self._watches, self._alarms, strict=True):
                 if type(reading) is watch.takes and watch.feed(reading):
@@ -170,14 +173,13 @@ class PooledArEstimator:
 
     def _estimate(self, t: float, rotor: int) -> Estimate:
         answers, reasons = self._answers(t, rotor)
-        valid = [one for one in answers if one.valid]
-        chosen = min(valid or answers, key=lambda one: one.std, default=None)
+        chosen = _surest(answers)
         if chosen is None:
             warming = t - self._order.first < self.config.absent_after
             status = Status.CONVERGING if warming else Status.UNOBSERVABLE
             return Estimate(t, self.name, rotor, Quantity.DEGRADATION, NAN, NAN, NAN, status, reasons)
-        status = Status.VALID if valid else Status.CONVERGING
-        reasons = chosen.reasons if valid else tuple(dict.fromkeys((*chosen.reasons, *reasons)))
+        status = Status.VALID if chosen.valid else Status.CONVERGING
+        reasons = chosen.reasons if chosen.valid else tuple(dict.fromkeys((*chosen.reasons, *reasons)))
         return Estimate(
             t,
             self.name,
@@ -260,6 +262,14 @@ class PooledArEstimator:
             "vibration", view.k, view.std, p, float(self._paper.detected), NAN, white, reasons, view.full
         )
         return [answer], reasons
+
+
+def _surest(answers: list[Answer]) -> Answer | None:
+    """Return the answer of the least spread, of those fit to be told if any is; None where there is none."""
+    if len(answers) < 2:
+        return answers[0] if answers else None
+    valid = [one for one in answers if one.valid]
+    return min(valid or answers, key=lambda one: one.std)
 
 
 def _check(airframe: Airframe, config: PooledArConfig) -> None:

@@ -6,7 +6,7 @@ cannot be told apart; those that are told apart from it keep what is left.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from gcs_health.estimators.contract import Reason
 from gcs_health.estimators.pooled_ar_model import PooledModel
@@ -19,8 +19,7 @@ UNDECIDED = 0.5  # highest probability from a path that may not decide
 POWER = 1.64  # a fault is seen in 95 % of windows when it exceeds the threshold by so many sigmas
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """One path on one rotor.
 
     source : "vibration", "speed" or "command". k, std : as in an estimate, k not clipped. probability : that this

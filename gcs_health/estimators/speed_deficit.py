@@ -11,6 +11,7 @@ has trained. Source: sheet 4 sections 4 and 6.7.
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,8 +47,7 @@ class SpeedConfig:
     least_trained: float = 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedView:
+class SpeedView(NamedTuple):
     """One rotor's answer.
 
     k, std : over 2 s. k_fast, std_fast : over 0.5 s; threshold : what k_fast must exceed. by_command : commands were
@@ -67,23 +67,24 @@ class SpeedView:
 class _Healthy:
     """Healthy values of one figure a rotor, learned once in a flight, and how much its fast windows scatter."""
 
-    def __init__(self, prior: Array, between: float, drift: float, learn: int) -> None:
+    def __init__(self, prior: list[float], between: float, drift: float, learn: int) -> None:
         self.value, self.between, self.drift, self.learn = prior, between, drift, learn
-        self._sum, self._squares = np.zeros(len(prior)), np.zeros(len(prior))
+        self._sum, self._squares = [0.0] * len(prior), [0.0] * len(prior)
         self._count = 0
         self._scatter = between
 
-    def teach(self, fast: Array) -> None:
+    def teach(self, fast: list[float]) -> None:
         """Take a fast window's values, while learning."""
         if self.settled:
             return
         self._count += 1
-        self._sum += fast
-        self._squares += fast * fast
+        self._sum = [total + value for total, value in zip(self._sum, fast, strict=True)]
+        self._squares = [total + value * value for total, value in zip(self._squares, fast, strict=True)]
         if self.settled:
-            self.value = self._sum / self._count
-            variance = np.maximum(self._squares / self._count - self.value**2, 0.0)
-            self._scatter = float(np.sqrt(variance.mean()))
+            self.value = [total / self._count for total in self._sum]
+            pairs = zip(self._squares, self.value, strict=True)
+            variance = [max(squares / self._count - value * value, 0.0) for squares, value in pairs]
+            self._scatter = math.sqrt(sum(variance) / len(variance))
 
     @property
     def settled(self) -> bool:
@@ -115,22 +116,20 @@ class SpeedDeficit:
         self.views: list[SpeedView | None] = [None] * self.n
         self.worst = 0
         self._index = -1
-        self._open = np.zeros((4, self.n))  # speed sum and count, command sum and count, of the open block
-        self._ring: deque[tuple[int, Array]] = deque(maxlen=config.value)
+        self._open = [[0.0] * self.n for _ in range(4)]  # speed sum and count, command sum and count
+        self._blocks = np.zeros((config.value, 4, self.n))  # likewise of the closed blocks, the newest last
         self._top = 0.0
         self._learn_anew()
 
     def _learn_anew(self) -> None:
         c, facts, blocks = self.config, self.facts, round(self.config.learn / BLOCK)
-        prior = np.zeros(self.n) if facts is None else facts.healthy.copy()
+        prior = [0.0] * self.n if facts is None else facts.healthy.tolist()
         between, drift = (c.between, c.drift) if facts is None else (facts.between, facts.drift)
         self._outside = _Healthy(prior, between, drift, blocks)
-        self._gains = _Healthy(
-            np.ones(self.n), c.between, c.drift_command if facts is None else drift, blocks
-        )
-        self._rests = _Healthy(np.full(self.n, math.nan), 0.0, 0.0, blocks)
+        self._gains = _Healthy([1.0] * self.n, c.between, c.drift_command if facts is None else drift, blocks)
+        self._rests = _Healthy([math.nan] * self.n, 0.0, 0.0, blocks)
         self._onset = Onset(self.span.alike, self.span.own)
-        self._seen: deque[Array] = deque(maxlen=self.config.lasting)
+        self._seen: deque[list[float]] = deque(maxlen=self.config.lasting)
 
     @property
     def named(self) -> int | None:
@@ -144,21 +143,24 @@ class SpeedDeficit:
 
     def speeds(self, reading: RotorReading) -> bool:
         """Take rotor speeds; return whether there is a new answer."""
-        new = self._turn(reading.t)
+        t, speed_t = reading.t, self.speed_t
+        new = self._turn(t)
+        total, count, _, _ = self._open
         for i, speed in enumerate(reading.speed[: self.n]):
-            if 0.0 <= speed < FASTEST and reading.t >= self.speed_t[i]:
-                self._open[0, i] += speed
-                self._open[1, i] += 1.0
-                self.speed_t[i] = self.speeds_at = reading.t
+            if 0.0 <= speed < FASTEST and t >= speed_t[i]:
+                total[i] += speed
+                count[i] += 1.0
+                speed_t[i] = self.speeds_at = t
         return new
 
     def commands(self, reading: CommandReading) -> bool:
         """Take motor commands; return whether there is a new answer."""
         new = self._turn(reading.t)
+        _, _, total, count = self._open
         for i, command in enumerate(reading.command[: self.n]):
             if LEAST_COMMAND < command < 10.0:
-                self._open[2, i] += command
-                self._open[3, i] += 1.0
+                total[i] += command
+                count[i] += 1.0
                 self.commands_at = reading.t
         return new
 
@@ -167,45 +169,42 @@ class SpeedDeficit:
         index = math.floor(t / BLOCK)
         if index <= self._index:
             return False
-        if self._index >= 0 and self._open.any():
-            self._ring.append((self._index, self._open))
-            self._open = np.zeros((4, self.n))
+        if self._index >= 0:
+            passed = min(index - self._index, len(self._blocks))
+            self._blocks[:-passed] = self._blocks[passed:].copy()
+            self._blocks[-passed:] = 0.0
+            if index - self._index <= len(self._blocks):
+                self._blocks[-passed] = self._open
+            self._open = [[0.0] * self.n for _ in range(4)]
         self._index = index
-        while self._ring and self._ring[0][0] < index - self.config.value:
-            self._ring.popleft()
         self._look()
         return True
 
-    def _means(self, blocks: int) -> tuple[Array, Array]:
+    def _means(self, blocks: int) -> tuple[list[float], list[float]]:
         """Return mean speeds and commands over the newest blocks; NaN where there were none."""
-        edge = self._index - blocks
-        total = np.zeros((4, self.n))
-        for index, row in self._ring:
-            if index >= edge:
-                total += row
-        with np.errstate(invalid="ignore"):
-            return total[0] / total[1], total[2] / total[3]
+        speeds, heard, commands, given = self._blocks[-blocks:].sum(axis=0).tolist()
+        return list(map(_ratio, speeds, heard)), list(map(_ratio, commands, given))
 
     def _look(self) -> None:
         c = self.config
         self.views = [None] * self.n
         slow, slow_u = self._means(c.value)
         fast, fast_u = self._means(c.fast)
-        mean, mean_fast = float(slow.mean()), float(fast.mean())
+        mean, mean_fast = sum(slow) / self.n, sum(fast) / self.n
         if not (mean > 0.0 and mean_fast > 0.0) or not self._flies(mean):
             return
-        if math.isfinite(slow_u.sum()) and math.isfinite(fast_u.sum()):
+        if math.isfinite(sum(slow_u)) and math.isfinite(sum(fast_u)):
             gain, gain_fast = _relative(slow, slow_u), _relative(fast, fast_u)
             self._gains.teach(gain_fast)
             self._rests.teach(fast_u)
             self.views = self._by_command(gain, gain_fast, slow_u)
         elif self.span.shows:
-            outside = self.span.outside(fast)
-            self._outside.teach(outside)
-            self.views = self._by_span(slow, fast, outside)
-            newest, _ = self._means(1)
+            outside = self.span.outside(np.array(fast))
+            self._outside.teach(outside.tolist())
+            self.views = self._by_span(np.array(slow), np.array(fast), outside)
+            newest = np.array(self._means(1)[0])
             if self._outside.settled and newest.mean() > 0.0:
-                e = self.span.outside(newest) - self._outside.value
+                e = self.span.outside(newest) - np.array(self._outside.value)
                 self._onset.feed(newest / newest.mean(), e)
 
     def _flies(self, mean: float) -> bool:
@@ -217,17 +216,16 @@ class SpeedDeficit:
         self._top = max(self._top, mean)
         return mean > self.config.flying * self._top
 
-    def _lasting(self, k: Array) -> list[float]:
+    def _lasting(self, k: list[float]) -> list[float]:
         """Return the least of the last few looks."""
         self._seen.append(k)
-        return (
-            [float(value) for value in np.min(self._seen, axis=0)] if len(self._seen) > 1 else [0.0] * self.n
-        )
+        return list(map(min, *self._seen)) if len(self._seen) > 1 else [0.0] * self.n
 
     def _by_span(self, slow: Array, fast: Array, outside: Array) -> list[SpeedView | None]:
         c, span, healthy = self.config, self.span, self._outside
-        k = span.degradation(span.outside(slow) - healthy.value, slow).tolist()
-        k_fast = self._lasting(span.degradation(outside - healthy.value, fast))
+        usual = np.array(healthy.value)
+        k = span.degradation(span.outside(slow) - usual, slow).tolist()
+        k_fast = self._lasting(span.degradation(outside - usual, fast).tolist())
         least, error = (c.least, c.error) if self.facts is None else (c.least_trained, self.facts.error)
         out: list[SpeedView | None] = []
         for i, own in enumerate(span.own.tolist()):
@@ -242,27 +240,53 @@ class SpeedDeficit:
             )
         return out
 
-    def _by_command(self, gain: Array, gain_fast: Array, commands: Array) -> list[SpeedView | None]:
+    def _by_command(
+        self, gain: list[float], gain_fast: list[float], commands: list[float]
+    ) -> list[SpeedView | None]:
         c, healthy = self.config, self._gains
-        value, value_fast = gain / healthy.value, gain_fast / healthy.value
-        k, k_fast = 1.0 - value / np.median(value), self._lasting(1.0 - value_fast / np.median(value_fast))
+        k = _deficits(list(map(_ratio, gain, healthy.value)))
+        k_fast = self._lasting(_deficits(list(map(_ratio, gain_fast, healthy.value))))
         least, exponent = (c.least_trained, c.exponent_trained) if self.trained else (c.least, c.exponent)
-        doubt = np.zeros(self.n)
+        doubt = [0.0] * self.n
         if self._rests.settled:  # what a wrong exponent makes of commands that left their healthy values
-            away = np.log(commands / self._rests.value)
-            doubt = exponent * np.abs(away - np.median(away))
+            away = [math.log(u / rest) for u, rest in zip(commands, self._rests.value, strict=True)]
+            middle = _median(away)
+            doubt = [exponent * abs(each - middle) for each in away]
         settled = healthy.settled
-        self.worst = int(np.argmax(k_fast))
+        spread, spread_fast = healthy.spread(0.5), healthy.spread(1.0)
+        self.worst = k_fast.index(max(k_fast))
         out: list[SpeedView | None] = []
-        for i, more in enumerate(doubt.tolist()):
-            std, std_fast = math.hypot(healthy.spread(0.5), more), math.hypot(healthy.spread(1.0), more)
+        for i, more in enumerate(doubt):
+            std, std_fast = math.hypot(spread, more), math.hypot(spread_fast, more)
             # the exponent's doubt has a bound, unlike noise
-            threshold = max(least, c.sigmas * healthy.spread(1.0) + c.bound * more)
-            out.append(SpeedView(float(k[i]), std, k_fast[i], std_fast, threshold, True, settled, settled))
+            threshold = max(least, c.sigmas * spread_fast + c.bound * more)
+            out.append(SpeedView(k[i], std, k_fast[i], std_fast, threshold, True, settled, settled))
         return out
 
 
-def _relative(speeds: Array, commands: Array) -> Array:
+# so few rotors that plain lists are several times as fast as arrays
+
+
+def _relative(speeds: list[float], commands: list[float]) -> list[float]:
     """Return (n,): speed per command over the rotors' median, so that voltage falls out."""
-    gain = speeds / commands
-    return np.asarray(gain / max(float(np.median(gain)), 1e-12))
+    gain = list(map(_ratio, speeds, commands))
+    middle = max(_median(gain), 1e-12)
+    return [each / middle for each in gain]
+
+
+def _deficits(value: list[float]) -> list[float]:
+    """Return (n,): by how much of the rotors' median each falls short of it."""
+    middle = _median(value)
+    return [1.0 - _ratio(each, middle) for each in value]
+
+
+def _ratio(over: float, under: float) -> float:
+    return over / under if under else math.nan
+
+
+def _median(values: list[float]) -> float:
+    """Return the median; NaN where any is."""
+    if any([value != value for value in values]):
+        return math.nan
+    row, half = sorted(values), len(values) // 2
+    return row[half] if len(row) % 2 else 0.5 * (row[half - 1] + row[half])

@@ -21,6 +21,7 @@ Source: Melczer (2019), eqs. (5), (8); sheet 3, recommended mode, steps 3 to 6.
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -322,9 +323,12 @@ class RotorBalance:
         step = max(interval, c.interval)
         per_step = self.threshold / max(1.0, math.floor(within / step))
         tail = STUDENT * self.scale * self.noise
-        for percent in range(50, 101, 2):
+
+        def shows(percent: int) -> bool:
             r0 = 0.01 * percent * self.baseline * h
             r1 = (1.0 - 0.01 * percent) * self.baseline * h
-            if 3.0 * math.log((tail + r0 * r0) / (tail + r1 * r1)) - c.pull > per_step:
-                return 0.01 * percent
-        return math.nan
+            return 3.0 * math.log((tail + r0 * r0) / (tail + r1 * r1)) - c.pull > per_step
+
+        steps = range(50, 101, 2)  # a larger loss shows more
+        first = bisect_left(steps, True, key=shows)
+        return 0.01 * steps[first] if first < len(steps) else math.nan

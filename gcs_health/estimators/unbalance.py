@@ -48,7 +48,6 @@ __all__ = ["Baseline", "UnbalanceConfig", "UnbalanceEstimator"]
 
 MIN_ROTORS, MAX_ROTORS = 3, 12
 NAN = math.nan
-LARGEST_SIGMAS = 3.0  # within these of the largest estimate another rotor may be the largest
 Evidence = tuple[tuple[str, float | str], ...]
 
 
@@ -120,30 +119,30 @@ class UnbalanceEstimator:
         self._inputs = InputRecency(n, c.stale_after)
         self._speeds_known = False
         self._armed: bool | None = None
-        self._landed: bool | None = None
+        self._airborne = True
         self._was: tuple[str, int] = ("", -1)
 
     def feed(self, reading: Reading) -> list[Estimate]:
         """Take one reading; return estimates where a decision about a rotor changed with it."""
         t = reading.t
-        if not self._in_order(t):
+        order = self._order
+        if not order.takes(t):
             return []
+        if order.set_back:
+            self.reset()
+            self._order = order.begins_anew(t)
         kind = type(reading)
-        if kind is ImuReading:
-            if not self._take_imu(reading):  # type: ignore[arg-type]
-                return []
-        elif kind is RotorReading:
+        if kind is RotorReading:
             self._take_speeds(reading)  # type: ignore[arg-type]
-            return []
-        else:
+        elif kind is not ImuReading:
             self._take_other(reading)
-            return []
-        answer = self._recommended.answer
-        now = (answer.verdict.finding.value, answer.verdict.rotor) if answer is not None else ("", -1)
-        if now == self._was:
-            return []
-        self._was = now
-        return self.estimates(t)
+        elif self._take_imu(reading):  # type: ignore[arg-type]
+            answer = self._recommended.answer
+            now = (answer.verdict.finding.value, answer.verdict.rotor) if answer is not None else ("", -1)
+            if now != self._was:
+                self._was = now
+                return self.estimates(t)
+        return []
 
     def estimates(self, t: float) -> list[Estimate]:
         """Return one estimate per rotor at vehicle time `t` [s]."""
@@ -158,7 +157,7 @@ class UnbalanceEstimator:
         if answer is None:
             reasons = [self._recommended.gate or Reason.SETTLING]
             return [self._unknown(t, i, reasons) for i in range(self._rotors)]
-        return [self._estimate(answer, t, i) for i in range(self._rotors)]
+        return self._answer_estimates(answer, t)
 
     @property
     def answer(self) -> Answer | None:
@@ -178,21 +177,12 @@ class UnbalanceEstimator:
 
     # -- readings -----------------------------------------------------------------------------------
 
-    def _in_order(self, t: float) -> bool:
-        order = self._order
-        if not order.takes(t):
-            return False
-        if order.set_back:
-            self.reset()
-            self._order = order.begins_anew(t)
-        return True
-
     def _take_imu(self, reading: ImuReading) -> bool:
         """Hand on one sample; return whether the recommended mode has a new answer."""
-        t, ax, ay = reading.t, reading.ax, reading.ay
+        t, ax, ay, _, _, _, _ = reading
         if not (-MOST < ax < MOST and -MOST < ay < MOST):
             return False
-        airborne = self._landed is not True and self._armed is not False
+        airborne = self._airborne
         if t > self._inputs.imu_t:
             self._inputs.imu_t = t
         if self._paper is not None:
@@ -209,14 +199,13 @@ class UnbalanceEstimator:
         for i, speed in enumerate(reading.speed[: self._rotors]):
             if -FASTEST < speed < FASTEST and t >= last[i]:
                 last[i] = t
-                new[i] = abs(speed)
+                new[i] = speed = abs(speed)
+                tracks[i].add(t, speed)
                 self._speeds_known = True
-                tracks[i].add(t, new[i])
         if self._paper is not None:
             self._paper.speeds(np.array(new))
 
     def _take_other(self, reading: Reading) -> None:
-        airborne = self._landed is not True and self._armed is not False
         if isinstance(reading, CommandReading):
             self._level.commands(reading.t, reading.command)
             if self._paper is not None and len(reading.command) == self._rotors:
@@ -225,11 +214,12 @@ class UnbalanceEstimator:
             if self._armed is False and reading.armed:  # another flight, perhaps with other propellers
                 self._recommended.forget()
                 self._level.forget()
-            self._armed, self._landed = reading.armed, reading.landed
+            self._armed = reading.armed
+            self._airborne = reading.landed is not True and reading.armed is not False
         elif isinstance(reading, ImuFilterReading):
             self._recommended.set_filter(ImuFilter.told(reading))
         elif isinstance(reading, VibrationReading):
-            self._level.vibration(reading.t, reading.x, reading.y, airborne)
+            self._level.vibration(reading.t, reading.x, reading.y, self._airborne)
 
     # -- estimates ----------------------------------------------------------------------------------
 
@@ -272,15 +262,11 @@ class UnbalanceEstimator:
         status = Status.CONVERGING if warming or reasons == [Reason.SETTLING] else Status.UNOBSERVABLE
         return self._make(t, rotor, NAN, NAN, p, status, reasons, NAN, evidence)
 
-    def _estimate(self, answer: Answer, t: float, rotor: int) -> Estimate:
-        """Return what the last solution says of one rotor."""
+    def _answer_estimates(self, answer: Answer, t: float) -> list[Estimate]:
+        """Return what the last solution says."""
         tracker = self._recommended.tracker
         verdict = answer.verdict
-        evidence: Evidence = (
-            ("finding", verdict.finding.value),
-            ("amplitude_m_s2", math.sqrt(answer.s()[rotor]) * float(answer.speed[rotor]) ** 2),
-            ("line_hz", float(answer.speed[rotor]) / (2.0 * math.pi)),
-            ("gain", float(answer.gain[rotor])),
+        of_all: Evidence = (
             ("filter", tracker.filter.source),
             ("imu_hz", 1.0 / tracker.step),
             ("window_s", answer.window),
@@ -288,12 +274,37 @@ class UnbalanceEstimator:
             ("cost_of_none", verdict.present),
             ("cost_of_another", verdict.alone),
             ("leak", answer.leak),
-            ("largest", self._motors(answer.largest(LARGEST_SIGMAS))),
+            ("largest", self._motors(answer.largest)),
             ("spins", "opposite to the airframe's" if answer.flipped else "as the airframe's"),
         )
+        s, std, seen = answer.s().tolist(), answer.std().tolist(), answer.seen.tolist()
+        out = []
+        for i, (speed, gain) in enumerate(zip(answer.speed.tolist(), answer.gain.tolist(), strict=True)):
+            evidence: Evidence = (
+                ("finding", verdict.finding.value),
+                ("amplitude_m_s2", math.sqrt(s[i]) * speed**2),
+                ("line_hz", speed / (2.0 * math.pi)),
+                ("gain", gain),
+                *of_all,
+            )
+            if gain < self.config.recommended.blind:
+                out.append(self._unknown(t, i, [Reason.LINE_NOT_IN_TELEMETRY], NAN, evidence))
+            else:
+                out.append(self._estimate(answer, t, i, _root(s[i], std[i]), seen[i], evidence))
+        return out
+
+    def _estimate(
+        self,
+        answer: Answer,
+        t: float,
+        rotor: int,
+        found: tuple[float, float],
+        seen: float,
+        evidence: Evidence,
+    ) -> Estimate:
+        """Return what the last solution says of one rotor that it sees; `found` = value and its spread."""
+        verdict = answer.verdict
         reasons = []
-        if answer.gain[rotor] < self.config.recommended.blind:
-            return self._unknown(t, rotor, [Reason.LINE_NOT_IN_TELEMETRY], NAN, evidence)
         if rotor in answer.together:
             joint = math.sqrt(float(answer.s()[list(answer.together)].sum())) * self._mass
             evidence = (*evidence, ("one_of_motors", self._motors(answer.together)), ("joint", joint))
@@ -302,15 +313,14 @@ class UnbalanceEstimator:
             reasons.append(Reason.NOT_IDENTIFIABLE)
         elif self.config.damage is None and self.config.baseline is None:
             evidence = (*evidence, ("judged_by", "being an outlier: no baseline, no known damage"))
-        value, std = _root(float(answer.s()[rotor]), float(answer.std()[rotor]))
         p = verdict.probability[rotor]
         if p != p:
             reasons.append(Reason.LITTLE_EXCITATION)
         if t - answer.t > self.config.old_after:
             reasons.append(self._recommended.gate or Reason.SETTLING)
         status = Status.CONVERGING if reasons else Status.VALID
-        seen, speed = float(answer.seen[rotor]), float(answer.speed[rotor])
-        return self._make(t, rotor, value, std, p, status, reasons, seen, evidence, speed)
+        speed = float(answer.speed[rotor])
+        return self._make(t, rotor, *found, p, status, reasons, seen, evidence, speed)
 
     def _motors(self, rotors: tuple[int, ...]) -> str:
         return " ".join(str(self.airframe.rotors[i].motor) for i in rotors)

@@ -11,6 +11,7 @@ Source: sheet 2 section 5.
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from gcs_health.gate import GRAVITY
 
 NAN = math.nan
 FORGET_AFTER = 60.0  # s without flight: another flight
+LARGEST_SIGMAS = 3.0  # within these of the largest estimate another rotor may be the largest
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,7 @@ class Answer:
     window, length : s, of the window and its blocks.
     together : rotors that cannot be told apart; empty if all can.
     seen : (n,) smallest m_u r_u / m_b that would be seen now [m].
+    largest : rotors that may be the largest: within so many standard deviations of the one that is.
     lost : factor on s that gives back what blocks so long lose of a phase that wanders [-].
     """
 
@@ -54,6 +57,7 @@ class Answer:
     length: float
     together: tuple[int, ...]
     seen: Array
+    largest: tuple[int, ...]
     lost: float
 
     def s(self) -> Array:
@@ -63,13 +67,6 @@ class Answer:
     def std(self) -> Array:
         """Return (n,) their standard deviations [m²]."""
         return self.fit.std() * self.lost
-
-    def largest(self, sigmas: float) -> tuple[int, ...]:
-        """Return the rotors that may be the largest: within so many standard deviations of the one that is."""
-        s, C = self.fit.s, self.fit.covariance
-        b = int(np.argmax(s))
-        spread = np.sqrt(np.maximum(np.diag(C) + C[b, b] - 2.0 * C[b], 0.0))
-        return tuple(int(i) for i in np.flatnonzero((s[b] - s) <= sigmas * spread))
 
 
 class RecommendedTracker:
@@ -159,7 +156,7 @@ class RecommendedTracker:
         self.gate = Reason.SETTLING
 
     def _flies(self, stretch: Stretch) -> bool:
-        return bool(stretch.slowest.min() > self.config.flying * self._usual)
+        return stretch.slowest > self.config.flying * self._usual
 
     def _solve(self, t: float) -> Answer | None:
         c = self.config
@@ -180,10 +177,15 @@ class RecommendedTracker:
         if len(recent) == len(flown) or made.verdict.finding is Finding.ROTOR:
             return made
         late = _fit(recent, k, int(flipped))
-        if late is None:
+        if late is None or not self._suspects(late, recent):
             return made
         newer = self._answer(t, late, _fit(recent, k, int(not flipped)), recent, k, flipped, short, lost)
         return newer if newer.verdict.finding is Finding.ROTOR else made
+
+    def _suspects(self, late: Fit, recent: list[Stretch]) -> bool:
+        """Return whether damage is present: most often none is, and `judge` need not look for whose."""
+        ok_below, _, _ = self._bounds(late, _mean_speed(recent))
+        return late.cost(np.zeros(len(ok_below)), ok_below) > self.config.threshold
 
     def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
         """Return whether the spins are the other way round: doubted only where one sign explains clearly more.
@@ -238,7 +240,7 @@ class RecommendedTracker:
         lost: float,
     ) -> Answer:
         c = self.config
-        speed = np.mean([stretch.speed for stretch in flown], axis=0)
+        speed = _mean_speed(flown)
         gain = np.mean([stretch.gain for stretch in flown], axis=0)
         ok_below, damaged_above, certain = self._bounds(best, speed)
         verdict = judge(best, ok_below, damaged_above, c.threshold, certain)
@@ -253,8 +255,9 @@ class RecommendedTracker:
         if verdict.finding is Finding.ROTOR and not self._sign_known:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
         together: tuple[int, ...] = ()
-        if best.inseparable < c.inseparable:
-            together = tuple(int(i) for i in np.flatnonzero(best.tangle > c.entangled))
+        inseparable, tangle = best.tangle()
+        if inseparable < c.inseparable:
+            together = tuple(int(i) for i in np.flatnonzero(tangle > c.entangled))
         if verdict.rotor in together and len(together) > 1:
             verdict = self._undecided(verdict, together)
         leak = NAN
@@ -273,6 +276,7 @@ class RecommendedTracker:
             self.tracker.lengths[length],
             together,
             seen,
+            _largest(best),
             lost,
         )
 
@@ -305,12 +309,23 @@ class RecommendedTracker:
         return healthy, 2.0 * healthy, 1.0 - c.outlier_chance
 
 
+def _largest(fit: Fit) -> tuple[int, ...]:
+    s, C = fit.s, fit.covariance
+    b = int(np.argmax(s))
+    spread = np.sqrt(np.maximum(np.diag(C) + C[b, b] - 2.0 * C[b], 0.0))
+    return tuple(np.flatnonzero((s[b] - s) <= LARGEST_SIGMAS * spread).tolist())
+
+
+def _mean_speed(flown: list[Stretch]) -> Array:
+    return np.asarray(np.mean([stretch.speed for stretch in flown], axis=0))
+
+
 def _fit(flown: list[Stretch], length: int, sign: int) -> Fit | None:
     """Solve a window with blocks of one length; `sign` 1 = all spins flipped."""
-    rows = [stretch.rows[length] for stretch in flown]
-    return fit(
-        np.concatenate([row.power[sign] for row in rows]).astype(float),
-        np.concatenate([row.mix for row in rows]).astype(float),
-        np.concatenate([row.noise for row in rows]).astype(float),
-        np.repeat(np.arange(len(rows)), [len(row.noise) for row in rows]),
-    )
+    seconds = [second for stretch in flown if len(second := stretch.rows[length])]
+    if not seconds:
+        return None
+    rows = np.concatenate(seconds).astype(np.float64)
+    n = rows.shape[1] - 3
+    starts = [0, *accumulate([len(each) for each in seconds[:-1]])]
+    return fit(rows[:, n + sign], rows[:, :n], rows[:, n + 2], starts)

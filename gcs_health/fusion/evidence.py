@@ -33,7 +33,7 @@ VOTE = 6.0  # nats of a source whose false alarms no campaign has bounded: it de
 
 def from_estimate(estimate: Estimate) -> Evidence | None:
     """Return what an estimate says of its rotor; None where it says nothing."""
-    function = _OF_ESTIMATOR.get((estimate.estimator, estimate.quantity.value))
+    function = _OF_ESTIMATOR.get((estimate.estimator, estimate.quantity))
     return function(estimate) if function is not None else None
 
 
@@ -100,9 +100,8 @@ def _slow(estimate: Estimate, kind: Kind, source: str) -> Evidence | None:
     p = estimate.failure_probability
     if p != p or estimate.status is not Status.VALID:
         return None
-    return _evidence(estimate, ((kind, _compensated(p, kind)),))._replace(
-        source=source, sees_thrust=False, lasts=HOLDS_SLOW
-    )
+    odds = ((kind, _compensated(p, kind)),)
+    return _evidence(estimate, odds, sees_thrust=False, source=source, lasts=HOLDS_SLOW)
 
 
 def _compensated(p: float, kind: Kind) -> float:
@@ -128,8 +127,8 @@ def degradation(estimate: Estimate) -> Evidence | None:
         return None
     # it tells no kind; and a rotor without a propeller keeps its speed: that it sees nothing is no health
     ratio = min(max(_compensated(p, Kind.THRUST_LOSS), 0.0), VOTE)
-    odds = tuple((kind, ratio) for kind in FAULTS if kind in FAILED)
-    return _evidence(estimate, odds)._replace(sees_thrust=False)
+    odds = _NO_KIND if ratio == 0.0 else tuple([(kind, ratio) for kind, _ in _NO_KIND])
+    return _evidence(estimate, odds, sees_thrust=False)
 
 
 def partial_loss(estimate: Estimate, evidence: Evidence) -> Evidence:
@@ -196,16 +195,11 @@ def esc_info(
     return Evidence(t, rotor, "esc_info", odds, lasts=3.0, figures=figures)
 
 
-def _evidence(estimate: Estimate, odds: Odds) -> Evidence:
-    return Evidence(
-        estimate.t,
-        estimate.rotor,
-        estimate.estimator,
-        odds,
-        sees_thrust=True,
-        lasts=HOLDS,
-        figures=estimate.evidence,
-    )
+def _evidence(
+    estimate: Estimate, odds: Odds, sees_thrust: bool = True, source: str = "", lasts: float = HOLDS
+) -> Evidence:
+    source = source or estimate.estimator
+    return Evidence(estimate.t, estimate.rotor, source, odds, sees_thrust, lasts, estimate.evidence)
 
 
 def _normal(x: float, mean: float, std: float) -> float:
@@ -221,6 +215,7 @@ def _partly(loss: float, spread: float) -> float:
     return top + math.log(sum(math.exp(each - top) for each in logs) / len(logs))
 
 
+_NO_KIND: Odds = tuple((kind, 0.0) for kind in FAULTS if kind in FAILED)
 _OF_ESTIMATOR: dict[tuple[str, str], Callable[[Estimate], Evidence | None]] = {
     ("effectiveness", "effectiveness"): effectiveness,
     ("motor_observer", "effectiveness"): torque,

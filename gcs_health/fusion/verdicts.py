@@ -150,7 +150,10 @@ class RotorBelief:
         known = False
         for evidence in live:
             for kind, ratio in evidence.odds:
-                weights[kind] *= math.exp(ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio))
+                if ratio:
+                    weights[kind] *= math.exp(
+                        ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio)
+                    )
             known = known or evidence.sees_thrust
         total = sum(weights.values())
         kind = max(weights, key=weights.__getitem__)

@@ -125,12 +125,13 @@ def test_the_battery_s_sensor_is_a_witness_that_may_be_unusable() -> None:
 
 def test_the_lag_is_exact_on_a_ramp_of_irregular_steps() -> None:
     tau, slope = 0.04, 300.0
-    lag = Lag(tau, 0.0)
+    lag = Lag(tau, 0.0, 0.0)
     t = 0.0
     for dt in (0.003, 0.011, 0.02, 0.007, 0.05):
         t += dt
-        y = lag.step(dt, slope * t)
+        y, z = lag.step(dt, slope * t, 2.0 * slope * t)
         assert y == pytest.approx(slope * (t - tau * (1.0 - math.exp(-t / tau))))
+        assert z == pytest.approx(2.0 * y)
 
 
 def test_the_step_of_the_telemetry_is_found() -> None:

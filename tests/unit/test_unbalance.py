@@ -285,12 +285,15 @@ def test_bounded_fits_agree_with_a_bounded_solver() -> None:
     mix = rng.exponential(0.2, (240, 4)) + 4.0 * (np.arange(240)[:, None] % 4 == np.arange(4))
     noise = np.full(240, 0.1)
     power = (mix @ true + 0.5 * noise) * rng.exponential(1.0, 240)
-    found = fit(power, mix, noise, np.repeat(np.arange(20), 12))
+    found = fit(power, mix, noise, list(range(0, 240, 12)))
     assert found is not None
     assert found.s == pytest.approx(true, abs=1.0)
+    triangle = np.linalg.cholesky(found._gram).T
+    target = np.linalg.solve(triangle.T, found._gram @ found._x - found._slope)
+    least = float(np.sum((triangle @ found._x - target) ** 2))
     for low, high in (((0.0,) * 4, (0.5,) * 4), ((0.0, 1.0, 0.0, 0.0), (9.0, 9.0, 9.0, 9.0))):
         scaled = (found._scale, np.array([*low, 0.0]), np.array([*high, np.inf]))
-        solved = lsq_linear(found._triangle, found._target, (scaled[1] / scaled[0], scaled[2] / scaled[0]))
-        expected = (2.0 * solved.cost - found._cost) / found._kappa
-        assert found.cost(np.array(low), np.array(high)) == pytest.approx(expected, rel=1e-3, abs=1e-3)
+        solved = lsq_linear(triangle, target, (scaled[1] / scaled[0], scaled[2] / scaled[0]))
+        expected = (2.0 * solved.cost - least) / found._kappa
+        assert found.cost(np.array(low), np.array(high)) == pytest.approx(expected, rel=1e-6, abs=1e-6)
     assert found.cost(np.zeros(4), np.full(4, np.inf)) == pytest.approx(0.0, abs=1e-6)
