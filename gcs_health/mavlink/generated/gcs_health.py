@@ -469,8 +469,9 @@ setattr(MAVLink_rotor_health_message, "name", mavlink_msg_deprecated_name_proper
 
 class MAVLink_rotor_alert_message(MAVLink_message):
     """
-    One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is
-    the vehicle's; STATUSTEXT has the same in words.
+    One step of an alert about one rotor, or one of them (motor 0,
+    esc_index 255: which one cannot be told). The sender's system id
+    is the vehicle's; STATUSTEXT has the same in words.
     """
 
     id = MAVLINK_MSG_ID_ROTOR_ALERT
@@ -999,8 +1000,9 @@ class MAVLink(object):
 
     def rotor_alert_encode(self, time_usec: int, probability: float, id: int, motor: int, esc_index: int, state: int, severity: int, code: bytes) -> MAVLink_rotor_alert_message:
         """
-        One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is the
-        vehicle's; STATUSTEXT has the same in words.
+        One step of an alert about one rotor, or one of them (motor 0,
+        esc_index 255: which one cannot be told). The sender's system
+        id is the vehicle's; STATUSTEXT has the same in words.
 
         time_usec                 : Time of the step on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
         probability               : That it is so, 0 to 1. NaN: not known. (type:float)
@@ -1016,8 +1018,9 @@ class MAVLink(object):
 
     def rotor_alert_send(self, time_usec: int, probability: float, id: int, motor: int, esc_index: int, state: int, severity: int, code: bytes, force_mavlink1: bool = False) -> None:
         """
-        One step of an alert about one rotor, or of one of them (motor 0, esc_index 255: which one cannot be told). The sender's system id is the
-        vehicle's; STATUSTEXT has the same in words.
+        One step of an alert about one rotor, or one of them (motor 0,
+        esc_index 255: which one cannot be told). The sender's system
+        id is the vehicle's; STATUSTEXT has the same in words.
 
         time_usec                 : Time of the step on the vehicle's clock: since boot, or UNIX where the vehicle says so. [us] (type:uint64_t)
         probability               : That it is so, 0 to 1. NaN: not known. (type:float)
