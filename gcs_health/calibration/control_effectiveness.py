@@ -32,11 +32,13 @@ Array = NDArray[np.float64]
 class EffectivenessPrior:
     """What is assumed of a vehicle that nobody has measured.
 
-    A rotor at the largest arm b turns the vehicle in hover with (g / n) / (c b), where c b² is the
-    squared radius of gyration: c = .42 .. .85 over the three quadrotors of sheet 5 section 1.
+    A rotor at the largest arm b about an axis turns the vehicle in hover with (g / n) b / (k L²), where L is the
+    longest arm and k L² the squared radius of gyration. The more rotors, the more of the mass sits in the middle:
+    n k = .84 .. 1.7 over the three quadrotors of sheet 5 section 1 and .73 .. 1.3 over the hexacopters of the papers
+    (Ghalamchi 2019 Table I, Dutta 2023, Melczer 2019).
     """
 
-    gyration: float = 0.5  # c [-]
+    gyration: float = 1.1  # n k [-]
     unscaled: float = 160.0  # rad/s², divided by the rotor count, where positions have no scale
     spread: float = 0.5  # standard deviation of the logarithm
     bounds: tuple[float, float] = (0.4, 2.5)
@@ -93,13 +95,14 @@ class ControlEffectiveness:
     def _priors(self, airframe: Airframe, reach_x: float, reach_y: float) -> tuple[float, float]:
         """Return roll and pitch acceleration of one rotor in hover [rad/s²]."""
         out = []
+        arm = max(math.hypot(rotor.position[0], rotor.position[1]) for rotor in airframe.rotors)
         for axis, reach in ((0, reach_y), (1, reach_x)):
             if airframe.metric and reach > 0.0:
                 if airframe.mass and airframe.inertia:
                     weight = airframe.mass * GRAVITY / self.rotors
                     out.append(weight * reach / airframe.inertia[axis])
                 else:
-                    out.append(GRAVITY / (self.rotors * self.prior.gyration * reach))
+                    out.append(GRAVITY * reach / (self.prior.gyration * arm * arm))
             else:
                 out.append(self.prior.unscaled / self.rotors)
         return out[0], out[1]

@@ -19,6 +19,7 @@ from gcs_health.calibration.residual_noise import NoiseConfig, ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness import EffectivenessEstimator
 from gcs_health.samples import RotorReading
+from gcs_health.simulate.vehicle import load_sim_vehicle
 
 GRAVITY = 9.80665
 
@@ -53,7 +54,21 @@ def test_priors_come_from_inertia_else_from_the_arm() -> None:
     loose = ControlEffectiveness(airframe(4, known=False))
     loose.thrust = 1e-6
     loose._apply()
-    assert max(loose.roll) * hover_u == pytest.approx(GRAVITY / (4 * 0.5 * reach))
+    arm = max(np.hypot(*rotor.position[:2]) for rotor in craft.rotors)
+    assert max(loose.roll) * hover_u == pytest.approx(GRAVITY * reach / (1.1 * arm**2))
+
+
+@pytest.mark.parametrize(
+    "name", ["bebop2", "dutta_hexa", "ghalamchi_large", "ghalamchi_small", "melczer_hexa", "octocopter"]
+)
+def test_the_prior_is_within_what_it_says_of_every_craft_in_the_papers(name: str) -> None:
+    vehicle = load_sim_vehicle(name)
+    craft = replace(vehicle.airframe(), effectiveness=Effectiveness(), mass=None, inertia=None)
+    gains = ControlEffectiveness(craft)
+    for axis, prior in enumerate(gains._in_hover):
+        reach = max(abs(rotor.position[1 - axis]) for rotor in craft.rotors)
+        true = vehicle.mass * GRAVITY / len(craft.rotors) * reach / vehicle.inertia[axis]
+        assert abs(np.log(true / prior)) < gains.prior.spread
 
 
 def test_the_level_is_believed_in_the_air_only() -> None:
