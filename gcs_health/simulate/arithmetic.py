@@ -22,6 +22,10 @@ class Arithmetic(NamedTuple):
     minimum: Callable[[Value, Value], Value]
     maximum: Callable[[Value, Value], Value]
     clip: Callable[[Value, Value], Value]  # to plus and minus the second
+    clip3: Callable[[Value, Value, Value, Value], list[Value]]  # three at once, to plus and minus the last
+    bounded: Callable[
+        [Value, Value, Value, Value], Value
+    ]  # the first, at most the next two, at least the last
     where: Callable[[Value, Value, Value], Value]
     any: Callable[[Value], bool]
     rint: Callable[[Value], Value]
@@ -34,6 +38,14 @@ FLOATS = Arithmetic(
     minimum=lambda a, b: a if a < b else b,
     maximum=lambda a, b: a if a > b else b,
     clip=lambda a, most: a if -most < a < most else -most if a < 0.0 else most,
+    clip3=lambda a, b, c, most: (
+        [a, b, c]
+        if -most < a < most and -most < b < most and -most < c < most
+        else [FLOATS.clip(value, most) for value in (a, b, c)]
+    ),
+    bounded=lambda a, most, limit, least: (
+        a if least < a < most and a < limit else max(min(a, most, limit), least)
+    ),
     where=lambda condition, a, b: a if condition else b,
     any=bool,
     rint=round,
@@ -45,6 +57,8 @@ COLUMNS = Arithmetic(
     minimum=np.minimum,
     maximum=np.maximum,
     clip=lambda a, most: np.minimum(np.maximum(a, -most), most),
+    clip3=lambda a, b, c, most: [COLUMNS.clip(value, most) for value in (a, b, c)],
+    bounded=lambda a, most, limit, least: np.maximum(np.minimum(np.minimum(a, most), limit), least),
     where=np.where,
     any=lambda condition: bool(np.any(condition)),
     rint=np.rint,

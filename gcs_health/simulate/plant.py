@@ -118,7 +118,7 @@ class Plant:
     def _turn_rotors(self, dt: float, wanted: list[Value], axial: Value) -> tuple[Value, ...]:
         """Advance the rotors; return lift, roll, pitch and yaw moment, angular momentum and in-plane drag."""
         m = self.vehicle.motor
-        low, high = self.ops.minimum, self.ops.maximum
+        bounded, high = self.ops.bounded, self.ops.maximum
         # constants of the loop below, which runs for every rotor in every step
         kq, torque, wear, limit, brake = (
             m.torque_constant,
@@ -138,8 +138,8 @@ class Plant:
             w, inertia, drag = rotor.w, rotor.inertia, torque * rotor.eta_q
             goal = goal * rotor.slowed
             # speed loop with the torque that holds the goal, less what volts and ESC can give
-            current = low(low((square * goal + slope) * goal - hold * w, most - back * w), limit)
-            current = high(current, brake) * rotor.driven
+            asked = (square * goal + slope) * goal - hold * w
+            current = bounded(asked, most - back * w, limit, brake) * rotor.driven
             push = kq * current
             rise = (push - (drag * w + wear * rotor.friction) * w) / inertia * rotor.free
             now = high(w + dt * rise, 0.0) * rotor.free

@@ -13,6 +13,7 @@ poles (INS_ACCEL_FILTER, INS_GYRO_FILTER). Source: mavlink.md section 5; sheet 2
 import math
 from collections import deque
 from dataclasses import dataclass
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -126,7 +127,7 @@ class Imu:
         if self._poles is not None:
             self.latest = ImuSample(t, self._low_pass(raw))
             return True
-        self._sums = [total + value for total, value in zip(self._sums, raw, strict=True)]
+        self._sums = list(map(add, self._sums, raw))
         self._count += 1
         if self._count < self._block:
             return False
@@ -142,7 +143,7 @@ class Imu:
         if any(plant.vehicle.lever):
             lx, ly, lz = self._levered(plant)
             ax, ay, az = ax + lx, ay + ly, az + lz
-        cos, sin, clip = self._ops.cos, self._ops.sin, self._ops.clip
+        cos, sin, clip3 = self._ops.cos, self._ops.sin, self._ops.clip3
         share = 1.0 / plant.mass
         beat = plant.vehicle.motor.blade_pass * share
         for rotor, seat in zip(plant.rotors, plant.vehicle.rotors, strict=True):
@@ -155,10 +156,7 @@ class Imu:
             az = az - beat * rotor.lift * (2.0 * c * c - 1.0)
         bx, by, bz, bp, bq, br = self._noise()
         most, fastest = self._ranges
-        return [
-            *(clip(ax + bx, most), clip(ay + by, most), clip(az + bz, most)),
-            *(clip(p + bp, fastest), clip(q + bq, fastest), clip(r + br, fastest)),
-        ]
+        return clip3(ax + bx, ay + by, az + bz, most) + clip3(p + bp, q + bq, r + br, fastest)
 
     @staticmethod
     def _levered(plant: Plant) -> tuple[Value, Value, Value]:
