@@ -31,17 +31,25 @@ class Arithmetic(NamedTuple):
     rint: Callable[[Value], Value]
 
 
+def _clipped(a: float, most: float) -> float:
+    return a if -most < a < most else -most if a < 0.0 else most
+
+
+def _columns_clipped(a: Value, most: Value) -> Value:
+    return np.minimum(np.maximum(a, -most), most)
+
+
 FLOATS = Arithmetic(
     sqrt=math.sqrt,
     sin=math.sin,
     cos=math.cos,
     minimum=lambda a, b: a if a < b else b,
     maximum=lambda a, b: a if a > b else b,
-    clip=lambda a, most: a if -most < a < most else -most if a < 0.0 else most,
+    clip=_clipped,
     clip3=lambda a, b, c, most: (
         [a, b, c]
         if -most < a < most and -most < b < most and -most < c < most
-        else [FLOATS.clip(value, most) for value in (a, b, c)]
+        else [_clipped(value, most) for value in (a, b, c)]
     ),
     bounded=lambda a, most, limit, least: (
         a if least < a < most and a < limit else max(min(a, most, limit), least)
@@ -56,8 +64,8 @@ COLUMNS = Arithmetic(
     cos=np.cos,
     minimum=np.minimum,
     maximum=np.maximum,
-    clip=lambda a, most: np.minimum(np.maximum(a, -most), most),
-    clip3=lambda a, b, c, most: [COLUMNS.clip(value, most) for value in (a, b, c)],
+    clip=_columns_clipped,
+    clip3=lambda a, b, c, most: [_columns_clipped(value, most) for value in (a, b, c)],
     bounded=lambda a, most, limit, least: np.maximum(np.minimum(np.minimum(a, most), limit), least),
     where=np.where,
     any=lambda condition: bool(np.any(condition)),
