@@ -1,6 +1,6 @@
 """What a fleet of logs costs: throughput against one core, memory of a worker, overhead of a log, growth.
 
-    python benchmarks/fleet.py [--logs 16] [--many 200] [--copies 1 4 16] [--workers 2] [--plot docs/fleet.svg]
+    python benchmarks/fleet.py [--logs 16] [--many 200] [--short 60000] [--copies 1 4 16] [--workers 2] [--plot docs/fleet.svg]
 
 Logs are the shipped flight of 14 s (`replay/lost_propeller.tlog`); longer ones are several of it on end, the
 vehicle reboots between them; the short ones of the overhead are its first 60 kB. Ratios are within one run. Memory
@@ -34,6 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--logs", type=int, default=16, help="for the throughput")
     parser.add_argument("--many", type=int, nargs="+", default=[50, 200], help="short logs, for the overhead")
+    parser.add_argument("--short", type=int, default=SHORT, help="bytes of each of these")
     parser.add_argument("--copies", type=int, nargs="+", default=[1, 4, 16], help="of the flight in one log")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--plot", type=Path, help="write the growth with length as a picture (matplotlib)")
@@ -41,7 +42,7 @@ def main() -> None:
     print(f"`{' '.join(['python benchmarks/fleet.py', *sys.argv[1:]])}`\n")
     with tempfile.TemporaryDirectory() as place:
         _throughput(Path(place), options.logs, options.workers)
-        _overhead(Path(place), options.many)
+        _overhead(Path(place), options.many, options.short)
         _length(Path(place), options.copies, options.plot)
 
 
@@ -55,11 +56,11 @@ def _throughput(place: Path, count: int, workers: int) -> None:
     print("\nStarting the processes and importing what they need is in it.\n")
 
 
-def _overhead(place: Path, counts: Sequence[int]) -> None:
-    print(f"## Overhead of a log: short logs of {SHORT} bytes, one process\n")
+def _overhead(place: Path, counts: Sequence[int], short: int) -> None:
+    print(f"## Overhead of a log: short logs of {short} bytes, one process\n")
     print("| logs | s | of it replay | overhead a log [ms] |\n|---|---|---|---|")
     for count in counts:
-        logs = _folder(place / f"many{count}", count, FLIGHT.read_bytes()[:SHORT])
+        logs = _folder(place / f"many{count}", count, FLIGHT.read_bytes()[:short])
         out = place / f"outmany{count}"
         wall = _run(logs, out, 1)
         replay = sum(FleetStore(out).read("flights", ["seconds"])["seconds"])

@@ -28,6 +28,7 @@ HOT = 110.0  # °C, where ESCs begin to protect themselves
 SOON, WARM = 30.0, 70.0  # s within which a rise would reach HOT, and °C from which a rise is followed
 TREND_OVER = 5.0  # s
 ERRORS_A_SECOND = 20.0  # more than a noisy wire makes
+UNLIKELY = 0.01  # probability of a rise where the value has fallen
 VOTE = 6.0  # nats of a source whose false alarms no campaign has bounded: it decides nothing alone
 
 
@@ -87,7 +88,9 @@ def torque(estimate: Estimate) -> Evidence | None:
 
 
 def drag(estimate: Estimate) -> Evidence | None:
-    """The motor's drag against its own: risen where something rubs or a bearing runs dry."""
+    """The motor's drag against its own: risen where something rubs or a bearing runs dry; fallen is no such fault."""
+    if estimate.value < 1.0:
+        estimate = estimate._replace(failure_probability=min(estimate.failure_probability, UNLIKELY))
     return _slow(estimate, Kind.DRAG_RISEN, "motor_observer drag")
 
 

@@ -89,6 +89,13 @@ def test_a_motor_that_stands_still_is_stopped_or_stuck_and_flags_tell_which() ->
     assert judged(stopped, esc_info(1.0, 0, 0, info, 0.0)).kind is Kind.MOTOR_STUCK
 
 
+@pytest.mark.parametrize(("value", "risen"), [(1.4, True), (0.6, False)])
+def test_drag_that_fell_is_no_drag_that_rose(value: float, risen: bool) -> None:
+    said = estimate(value, 0.05, 0.97, estimator="motor_observer", quantity=Quantity.DRAG)
+    verdict = judged(from_estimate(said))
+    assert (verdict.of({Kind.DRAG_RISEN}) > 0.9) is risen
+
+
 def test_what_cannot_be_estimated_says_nothing() -> None:
     assert from_estimate(estimate(NAN, NAN, NAN, status=Status.UNOBSERVABLE)) is None
     assert from_estimate(estimate(1.0, 0.1, 0.0, estimator="nobody")) is None
