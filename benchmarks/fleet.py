@@ -1,6 +1,6 @@
 """What a fleet of logs costs: throughput against one core, memory of a worker, overhead of a log, growth.
 
-    python benchmarks/fleet.py [--logs 16] [--many 200] [--short 60000] [--copies 1 4 16] [--workers 2] [--plot docs/fleet.svg]
+    python benchmarks/fleet.py [--logs 16] [--many 200] [--short 60000] [--copies 1 4 16] [--plot docs/fleet.svg]
 
 Logs are the shipped flight of 14 s (`replay/lost_propeller.tlog`); longer ones are several of it on end, the
 vehicle reboots between them; the short ones of the overhead are its first 60 kB. Ratios are within one run. Memory
