@@ -11,6 +11,7 @@ from gcs_health.fusion.autopilot_words import AutopilotWord, Opinion
 from gcs_health.fusion.battery import BatteryLoad
 from gcs_health.fusion.commanded import Commanded
 from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estimate, partial_loss
+from gcs_health.fusion.frozen import Frozen
 from gcs_health.fusion.kinds import FAILED, Kind
 from gcs_health.fusion.load import Load
 from gcs_health.fusion.rules import Rules
@@ -67,6 +68,7 @@ class RotorPanel:
         self._commanded = Commanded(len(airframe.rotors))
         self._load = Load(len(airframe.rotors))
         self._battery = BatteryLoad(len(airframe.rotors))
+        self._frozen = Frozen(len(airframe.rotors))
         self._shared = SharedUnbalance([rotor.motor for rotor in airframe.rotors])
         self._heat: dict[int, EscHeat] = {}  # by ESC
         self._flew = False
@@ -144,6 +146,7 @@ class RotorPanel:
                 self._beliefs[evidence.rotor].feed(evidence)
             if flies:
                 self._load.learn(reading)
+                self._frozen.rotors(reading)
         elif not reading.t - self._desk.failed_at <= DECIDES:
             return []
         else:
@@ -209,6 +212,8 @@ class RotorPanel:
         """Judge every rotor at vehicle time `t` [s]."""
         states = [telemetry.state(rotor.esc, t) for rotor in self._airframe.rotors]
         for k, state in enumerate(states):
+            if in_flight and state is RotorState.FRESH and self._frozen.holds(k, t):
+                state = RotorState.STALE  # what it repeats is old
             others = any(other in LIVE for j, other in enumerate(states) if j != k)
             evidence = esc_state(t, k, state, others, in_flight)
             if evidence is not None:
@@ -257,6 +262,7 @@ class RotorPanel:
         self._commanded.new_flight()
         self._load.new_flight()
         self._battery.new_flight()
+        self._frozen.new_flight()
         self._shared.new_flight()
         self._part_since.clear()
         self._flew = False
