@@ -108,9 +108,10 @@ class Attribution:
         command = self._command or [0.0] * self._n
         dt = imu.t - begin.t
         turn = ((imu.p - begin.p) / dt, (imu.q - begin.q) / dt)
-        z = np.array([*turn, *squares, *command])
-        if not np.isfinite(z).all():
+        row = [*turn, *squares, *command]
+        if not math.isfinite(sum(row)):
             return []
+        z = np.array(row)
         if self._mean is None:
             self._mean = z
         self._blocks += 1
@@ -118,9 +119,9 @@ class Attribution:
         self._mean = self._mean + (z - self._mean) / min(self._blocks, MEAN_OVER / BLOCK)
         z = z - self._mean
         if self._blocks > SETTLED:  # one jolt is not the whole story
-            limit = CLIP * np.sqrt(np.diag(self._covariance))
-            z = np.clip(z, -limit, limit)
-        self._covariance += (np.outer(z, z) - self._covariance) / min(self._blocks, MEMORY / BLOCK)
+            limit = CLIP * np.sqrt(self._covariance.diagonal())
+            z = np.minimum(np.maximum(z, -limit), limit)
+        self._covariance += (z[:, None] * z - self._covariance) / min(self._blocks, MEMORY / BLOCK)
         if self._blocks * BLOCK < SETTLE or self._blocks % EVERY:
             return []
         return self._look(imu.t)
