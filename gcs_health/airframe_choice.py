@@ -3,13 +3,20 @@
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.airframe_parameters import AirframeParameters
 from gcs_health.airframe_tables import assume_airframe
-from gcs_health.samples import Parameter
+from gcs_health.samples import Heartbeat, Parameter
 
 MULTIROTORS = frozenset(
     {0, 2, 3, 4, 13, 14, 15, 29, 35, 43}
 )  # MAV_TYPE; 0 generic; 4: some quads say helicopter
+NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
+NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: ground stations, companions ...
 ASSUME_AFTER = 3.0  # s of vehicle time in which parameters may still tell the geometry
 BETTER = (AirframeSource.FILE, AirframeSource.PARAMETERS, AirframeSource.ASSUMED)
+
+
+def of_a_vehicle(sample: Heartbeat) -> bool:
+    """Whether a heartbeat is a vehicle's, and not a ground station's or a companion's."""
+    return sample.autopilot != NO_AUTOPILOT and sample.vehicle_type not in NOT_VEHICLES
 
 
 class AirframeChoice:

@@ -12,7 +12,6 @@ ESC_TELEMETRY_x    a second. `count` moves with each telemetry packet: frozen, V
 """
 
 import math
-from collections.abc import Iterable
 from enum import StrEnum
 
 from gcs_health.airframe import Airframe
@@ -144,9 +143,9 @@ class RotorTelemetry:
         known = self.escs.get(esc)
         return 1.0 / known.timing.interval if known is not None and known.timing.interval > 0.0 else 0.0
 
-    def fastest(self, escs: Iterable[int]) -> float:
-        """Return the highest rate of some ESC indices [Hz]; 0 if none gives news."""
-        return max((self.rate(esc) for esc in escs), default=0.0)
+    def fastest(self) -> float:
+        """Return the highest rate of the rotors' ESCs [Hz], of all while no airframe is known; 0 without news."""
+        return max((self.rate(esc) for esc in self._in_order or self.escs), default=0.0)
 
     def notes(self) -> tuple[str, ...]:
         """Say what kind of telemetry this is and what it cannot tell."""

@@ -340,6 +340,11 @@ class FlightReading(NamedTuple):
     armed: bool | None
     landed: bool | None
 
+    @property
+    def flies(self) -> bool:
+        """Whether the vehicle flies, as far as the autopilot says."""
+        return self.armed is not False and self.landed is not True
+
 
 class ImuFilterReading(NamedTuple):
     """What the accelerations of the `ImuReading`s have passed on board; said when known and when it changes.

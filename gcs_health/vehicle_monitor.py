@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from gcs_health.airframe import Airframe, AirframeSource
-from gcs_health.airframe_choice import AirframeChoice
+from gcs_health.airframe_choice import AirframeChoice, of_a_vehicle
 from gcs_health.clock import Kind, VehicleClock
 from gcs_health.errors import AirframeError
 from gcs_health.estimator_bench import EstimatorBench
@@ -44,8 +44,6 @@ from gcs_health.samples import (
     VibrationReading,
 )
 
-NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, companions, gimbals
-NOT_VEHICLES = frozenset({5, 6, 18, 26, 27, 30, 31, 34})  # MAV_TYPE: ground stations, companions ...
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 
 
@@ -191,10 +189,7 @@ class VehicleMonitor:
     def needs(self) -> dict[str, tuple[Need, ...]]:
         """List what each estimator needs against what the stream has, by its name."""
         span = self.last_t - self.first_t
-        known = self.airframe
-        rotor = self.rotors.fastest(
-            [each.esc for each in known.rotors] if known is not None else self.rotors.escs
-        )
+        rotor = self.rotors.fastest()
         stream = Stream(
             self.imu.rate(),
             rotor,
@@ -208,7 +203,7 @@ class VehicleMonitor:
     # -- samples ------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, t: float, sample: Heartbeat) -> None:
-        if sample.autopilot == NO_AUTOPILOT or sample.vehicle_type in NOT_VEHICLES:
+        if not of_a_vehicle(sample):
             return
         changed = (sample.autopilot, sample.vehicle_type) != (self.autopilot, self.vehicle_type)
         self.autopilot, self.geometry.vehicle_type = sample.autopilot, sample.vehicle_type

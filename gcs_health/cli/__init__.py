@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from gcs_health import __version__
+from gcs_health.cli import argument_types
 from gcs_health.cli.log_commands import add_log_commands
 from gcs_health.errors import GcsHealthError
 from gcs_health.estimators import REGISTRY
 
-AXES = ("ax", "ay", "az", "p", "q", "r")  # of the IMU
 DONE, BUG, BAD_INPUT, ALERT, INTERRUPTED = 0, 1, 2, 3, 130
 
 _DESCRIPTION = """\
@@ -125,7 +125,9 @@ def _parser() -> argparse.ArgumentParser:
         help="where each flight's results are kept: none, a file, postgresql://...; default: a file in the "
         "user's data folder",
     )
-    live.add_argument("--duration", type=_positive, metavar="S", help="stop after so many seconds")
+    live.add_argument(
+        "--duration", type=argument_types.positive, metavar="S", help="stop after so many seconds"
+    )
     _screen_options(live)
 
     download = commands.add_parser(
@@ -134,7 +136,11 @@ def _parser() -> argparse.ArgumentParser:
     download.add_argument("endpoint", metavar="ENDPOINT", help="as of live; no file")
     download.add_argument("-o", "--output", metavar="DIR", help="fetch into this folder; without it, list")
     download.add_argument(
-        "--log", action="append", type=_log, metavar="ID", help="this one (default the newest); repeatable"
+        "--log",
+        action="append",
+        type=argument_types.log,
+        metavar="ID",
+        help="this one (default the newest); repeatable",
     )
     download.add_argument("--all", action="store_true", help="every log")
 
@@ -152,7 +158,11 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("-o", "--output", metavar="FLIGHT.tlog", help="write a log, its truth beside it")
     simulate.add_argument("--to", metavar="ENDPOINT", help="fly live, as to udpout:127.0.0.1:14550")
     simulate.add_argument(
-        "--skip", type=_not_negative, default=0.0, metavar="S", help="leave out the first seconds"
+        "--skip",
+        type=argument_types.not_negative,
+        default=0.0,
+        metavar="S",
+        help="leave out the first seconds",
     )
     simulate.add_argument(
         "--signals", metavar="OUT.npz", help="with -o: also what MAVLink does not carry (boom tips)"
@@ -195,8 +205,8 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--regime", default="unnamed", help="how and in what air they were flown, in words")
     train.add_argument(
         "--channels",
-        type=_channels,
-        default=AXES,
+        type=argument_types.channels,
+        default=argument_types.AXES,
         metavar="az,p,q",
         help="signals of the IMU, of ax,ay,az,p,q,r (default: all)",
     )
@@ -207,7 +217,11 @@ def _parser() -> argparse.ArgumentParser:
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )
     detect.add_argument(
-        "--trials", type=_count, default=8, metavar="N", help="moments at which every motor fails (default 8)"
+        "--trials",
+        type=argument_types.count,
+        default=8,
+        metavar="N",
+        help="moments at which every motor fails (default 8)",
     )
     detect.add_argument(
         "--only",
@@ -215,7 +229,9 @@ def _parser() -> argparse.ArgumentParser:
         choices=("effectiveness", "unbalance", "drag", "telemetry"),
         help="this fault alone; may be repeated. Unbalance and drag take longest",
     )
-    detect.add_argument("--seed", type=_count, default=1, help="of the moments drawn (default 1)")
+    detect.add_argument(
+        "--seed", type=argument_types.count, default=1, help="of the moments drawn (default 1)"
+    )
     detect.add_argument("--jsonl", metavar="OUT", help="write the table as JSON lines; - is standard output")
 
     config = commands.add_parser(
@@ -246,7 +262,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     history.add_argument("--format", choices=("text", "csv", "json"), default="text")
     history.add_argument(
-        "--rotor", type=_count, metavar="N", help="the motor as the autopilot counts, from 1"
+        "--rotor", type=argument_types.count, metavar="N", help="the motor as the autopilot counts, from 1"
     )
     history.add_argument(
         "--propeller-changed", dest="what", action="store_const", const="propeller changed", help="with mark"
@@ -276,13 +292,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _channels(text: str) -> tuple[str, ...]:
-    names = tuple(text.split(","))
-    if not set(names) <= set(AXES):
-        raise argparse.ArgumentTypeError(f"expected signals of {','.join(AXES)}, got {text!r}")
-    return names
-
-
 def _screen_options(parser: argparse.ArgumentParser) -> None:
     if not parser.prog.endswith("replay"):
         parser.add_argument("--plain", action="store_true", help="lines of text instead of the dashboard")
@@ -298,7 +307,7 @@ def _screen_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--web",
         nargs="?",
-        type=_port,
+        type=argument_types.port,
         const=8000,
         metavar="PORT",
         help="the dashboard in a browser on this computer (default port 8000)",
@@ -310,7 +319,11 @@ def _scenario_options(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a value, as in wind.speed=5"
     )
     parser.add_argument(
-        "--speed", type=_positive, default=1.0, metavar="X", help="times real time, when live (default 1)"
+        "--speed",
+        type=argument_types.positive,
+        default=1.0,
+        metavar="X",
+        help="times real time, when live (default 1)",
     )
 
 
@@ -336,14 +349,14 @@ def _config_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--estimators",
-        type=_estimators,
+        type=argument_types.estimators,
         default=tuple(REGISTRY),
         metavar="NAME,...",
         help=f"which to run, of {', '.join(REGISTRY)} (default all)",
     )
     parser.add_argument(
         "--estimate-rate",
-        type=_rate,
+        type=argument_types.rate,
         default=10.0,
         metavar="HZ",
         help="at most so many estimates a second and rotor, up to 10 (default)",
@@ -368,50 +381,3 @@ def _monitor_options(parser: argparse.ArgumentParser) -> None:
         "--evidence", metavar="FOLDER", help="save what each alert rests on as a .zip that can be replayed"
     )
     parser.add_argument("--fail-on-alert", action="store_true", help="exit with 3 if an alert was raised")
-
-
-def _estimators(text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(text.split(",")))
-    for name in names:
-        if name not in REGISTRY:
-            raise argparse.ArgumentTypeError(f"expected names of {', '.join(REGISTRY)}, got {name!r}")
-    return names
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
-    return value
-
-
-def _port(text: str) -> int:
-    if not text.isdigit() or not 0 < int(text) < 65536:
-        raise argparse.ArgumentTypeError(f"expected a port from 1 to 65535, got {text}")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
-    return int(text)
-
-
-def _log(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"expected the number of a log, got {text}")
-    return int(text)
-
-
-def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number from 0 on, got {text}")
-    return value
-
-
-def _rate(text: str) -> float:
-    value = _positive(text)
-    if value > 10.0:
-        raise argparse.ArgumentTypeError(f"expected at most 10, got {text}")
-    return value

@@ -4,6 +4,8 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from gcs_health.cli import argument_types
+
 
 def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentParser], None]) -> None:
     """Add the commands; `config_options` adds those options that decide what is said of given bytes."""
@@ -48,7 +50,9 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
 
     campaign = commands.add_parser("campaign", help="many seeds of a scenario, to rates with intervals")
     campaign.add_argument("scenario", metavar="SCENARIO", help="as of simulate")
-    campaign.add_argument("--seeds", type=_seeds, default=(1, 20), metavar="A-B", help="default 1-20")
+    campaign.add_argument(
+        "--seeds", type=argument_types.seeds, default=(1, 20), metavar="A-B", help="default 1-20"
+    )
     campaign.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a value, as in wind.speed=5"
     )
@@ -59,19 +63,9 @@ def add_log_commands(commands: Any, config_options: Callable[[argparse.ArgumentP
 
 def _engine_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--workers", type=_count, metavar="N", help="processes (default: this machine's cores; 1 = no other)"
+        "--workers",
+        type=argument_types.count,
+        metavar="N",
+        help="processes (default: this machine's cores; 1 = no other)",
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster does the work")
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
-    return int(text)
-
-
-def _seeds(text: str) -> tuple[int, int]:
-    first, _, last = text.partition("-")
-    if not first.isdigit() or not (last or first).isdigit() or int(last or first) < int(first):
-        raise argparse.ArgumentTypeError(f"expected seeds as 1-20, got {text}")
-    return int(first), int(last or first)

@@ -14,6 +14,7 @@ from gcs_health.estimators.fault_bank import BankConfig
 from gcs_health.estimators.hover_trim import TrimConfig
 from gcs_health.estimators.motion import MotionConfig
 from gcs_health.estimators.partial_loss import PartialConfig
+from gcs_health.estimators.short_order import ShortOrderConfig
 from gcs_health.estimators.slow_effectiveness import SlowConfig
 from gcs_health.estimators.stopped_motor import StoppedConfig
 from gcs_health.gate import GateConfig
@@ -29,8 +30,7 @@ class RecommendedConfig:
     ticks: int = 2  # successive ticks that must agree
     ticks_slow: int = 3  # with slow rotor speeds
     slow_rotor_speeds: float = 0.04  # s between them
-    freed: float = 1.03  # from one slow sample to the next, of a rotor that has lost its load; this project
-    lasting: float = 1.3  # intervals between slow samples after which a loss needs no such sign; this project
+    short_order: ShortOrderConfig = field(default_factory=ShortOrderConfig)
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
     shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away

@@ -25,11 +25,12 @@ from gcs_health.calibration.residual_noise import ResidualNoise
 from gcs_health.estimators.commanded_speeds import CommandedSpeeds
 from gcs_health.estimators.effectiveness_config import RecommendedConfig
 from gcs_health.estimators.fault_bank import NOTHING, FaultBank, Verdict
-from gcs_health.estimators.lesson import Lesson, NextLesson
+from gcs_health.estimators.lesson import Freeze, Lesson, NextLesson
 from gcs_health.estimators.moment_learning import MomentLearning
 from gcs_health.estimators.motion import Motion
 from gcs_health.estimators.partial_loss import PartialLoss
 from gcs_health.estimators.residual_model import Evidence, Push, Step, calm, push, residual, step_between
+from gcs_health.estimators.short_order import may_be_order
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import Closed, FlightGate
@@ -82,8 +83,7 @@ class RecommendedBank:
         self._row = (-1, 0)  # rotor and its successive ticks, provisional ones included
         self._final_row = (-1, 0)
         self._next = NextLesson()
-        self._frozen_until = -math.inf
-        self._frozen_since = math.nan
+        self._freeze = Freeze(config.freeze, config.freeze_at_most)
         self._checked = 0.0
 
     @property
@@ -237,7 +237,7 @@ class RecommendedBank:
         fell = self._judge(t, True, look)
         self._final_row = self._row
         if self.failed is None:
-            self._next.add(step, tick, t > self._frozen_until)
+            self._next.add(step, tick, t > self._freeze.until)
             if self._next.time >= self.config.lesson:
                 fell = self._learn(t) or fell
         return fell
@@ -264,7 +264,7 @@ class RecommendedBank:
 
     def _suspects(self, t: float) -> bool:
         """Whether a hypothesis is, or just was, half way: every tick counts then, calm or not."""
-        return t <= self._frozen_until or self._row[1] > 0
+        return t <= self._freeze.until or self._row[1] > 0
 
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
@@ -273,9 +273,9 @@ class RecommendedBank:
         t = step.t
         if t > self._newest_learned:
             self._newest_learned = t
-            if t > self._frozen_until and self.failed is None:
+            if t > self._freeze.until and self.failed is None:
                 self._next.aged.append((position + 1, tick.e, step.dt, step.inflation))
-        suspected = t <= self._frozen_until or self._in_bank == position > 0
+        suspected = t <= self._freeze.until or self._in_bank == position > 0
         if not suspected and calm(tick, self._calm_limit):
             return False
         for waited in range(self._in_bank, position + 1):
@@ -322,14 +322,14 @@ class RecommendedBank:
         if look:
             verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.llr > 0.5 * c.bank.llr:
-            self._freeze(t)
+            self._freeze.half_way(t)
             self.standing = self.bank.standing(self.tick_length)
-        elif t > self._frozen_until:
-            self._frozen_since = math.nan
+        else:
+            self._freeze.quiet(t)
         rotor, row = self._row
         slow = self.track.interval > c.slow_rotor_speeds
         passes = verdict.passes and self.gate.verdicts and not self.contradicted
-        if passes and not (slow and self._may_be_motion(verdict)):
+        if passes and not (slow and self._may_be_order(verdict)):
             row = row + 1 if verdict.rotor == rotor else 1
             if final and not slow and self._held_pass == (t, verdict.rotor):
                 row += 1  # passed on held speeds, and again now that they are known
@@ -340,20 +340,14 @@ class RecommendedBank:
         self._row = (verdict.rotor, row)
         return row >= (c.ticks_slow if slow else c.ticks) and self._decide(verdict, t)
 
-    def _may_be_motion(self, verdict: Verdict) -> bool:
-        """Whether what looks like a loss may be an order shorter than the time between slow speeds.
-
-        Such an order leaves the rotor slower, or as it was; one that has lost its load turns faster. Where commands
-        come they tell.
-        """
-        c, interval = self.config, self.track.interval
-        lasted = verdict.ticks * self.tick_length
-        if self.commanded.trusted or lasted >= min(
-            c.lasting * interval, c.bank.window - 1.5 * self.tick_length
-        ):
+    def _may_be_order(self, verdict: Verdict) -> bool:
+        """Whether what looks like a loss may be an order that slow speeds do not show."""
+        if self.commanded.trusted:
             return False
-        before, now = self.track.last_two(verdict.rotor)
-        return now < c.freed * before
+        c, tick = self.config, self.tick_length
+        seen = verdict.ticks * tick, c.bank.window - 1.5 * tick
+        speeds = self.track.last_two(verdict.rotor)
+        return may_be_order(c.short_order, *seen, self.track.interval, speeds)
 
     def _decide(self, verdict: Verdict, t: float) -> bool:
         """Name the rotor, if the geometry bears it; return whether anything is decided."""
@@ -377,14 +371,6 @@ class RecommendedBank:
         verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.passes and verdict.rotor == self.failed and verdict.llr > self.verdict.llr:
             self.verdict = verdict
-
-    def _freeze(self, t: float) -> None:
-        """Stop learning while a hypothesis is half way, lest the fault become the baseline."""
-        if self._frozen_since != self._frozen_since:
-            self._frozen_since = t
-        # but a baseline that is simply wrong must be able to mend itself
-        if t - self._frozen_since < self.config.freeze_at_most:
-            self._frozen_until = t + self.config.freeze
 
     def _learn(self, t: float) -> bool:
         """Learn from the final ticks gathered; return whether the geometry became, or ceased to be, wrong."""

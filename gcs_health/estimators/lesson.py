@@ -4,6 +4,8 @@ Nothing that is learned decides about the tick that teaches it, so it can wait a
 ticks at once numpy is several times cheaper than plain floats tick by tick.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,3 +73,34 @@ class NextLesson:
         lesson, calm = Lesson(self._ticks), np.array(self._calm)
         self._ticks, self._calm, self.time = [], [], 0.0
         return lesson, calm
+
+
+class Freeze:
+    """No learning while a hypothesis is half way, lest the fault become the baseline.
+
+    Parameters
+    ----------
+    lasting : after the hypothesis was last half way [s]. at_most : on end [s], since a baseline that is simply wrong
+        must be able to mend itself.
+
+    Attributes
+    ----------
+    until : vehicle time up to which nothing is learned [s].
+    """
+
+    def __init__(self, lasting: float, at_most: float) -> None:
+        self.until = -math.inf
+        self._lasting, self._at_most = lasting, at_most
+        self._since = math.nan
+
+    def half_way(self, t: float) -> None:
+        """Take that a hypothesis is half way at t [s]."""
+        if self._since != self._since:
+            self._since = t
+        if t - self._since < self._at_most:
+            self.until = t + self._lasting
+
+    def quiet(self, t: float) -> None:
+        """Take that none is at t [s]."""
+        if t > self.until:
+            self._since = math.nan

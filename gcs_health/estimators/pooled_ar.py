@@ -156,7 +156,7 @@ class PooledArEstimator:
         if isinstance(reading, CommandReading):
             return self._speeds.commands(reading)
         if isinstance(reading, FlightReading):
-            self._speeds.landed = bool(reading.landed) or reading.armed is False
+            self._speeds.landed = not reading.flies
         elif isinstance(reading, ImuFilterReading):
             for watch in self._watches:
                 watch.filtered(reading.mean_over, reading.cutoff)

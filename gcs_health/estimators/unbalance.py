@@ -95,7 +95,7 @@ class UnbalanceEstimator:
         self.airframe = airframe
         self.config = config or UnbalanceConfig()
         if self.config.baseline is None:
-            self.config = replace(self.config, baseline=_of_the_vehicle_file(airframe))
+            self.config = replace(self.config, baseline=Baseline.of(airframe))
         _check(airframe, self.config)
         self._mass = airframe.mass if airframe.mass else 1.0
         self._quantity = Quantity.UNBALANCE if airframe.mass else Quantity.UNBALANCE_RELATIVE
@@ -215,7 +215,7 @@ class UnbalanceEstimator:
                 self._recommended.forget()
                 self._level.forget()
             self._armed = reading.armed
-            self._airborne = reading.landed is not True and reading.armed is not False
+            self._airborne = reading.flies
         elif isinstance(reading, ImuFilterReading):
             self._recommended.set_filter(ImuFilter.told(reading))
         elif isinstance(reading, VibrationReading):
@@ -367,20 +367,6 @@ class UnbalanceEstimator:
             p = (0.9 if named and i == b else 0.05) if not reasons else NAN
             out.append(self._make(t, i, float(value[i]), float(std[i]), p, status, reasons, NAN, evidence))
         return out
-
-
-def _of_the_vehicle_file(airframe: Airframe) -> Baseline | None:
-    """Return what `gcs-health calibrate` has left of the healthy vehicle; None if nothing."""
-    known = airframe.baseline
-    if not known.unbalance and known.vibration_level is None and known.vibration is None:
-        return None
-    return Baseline(
-        known.unbalance,
-        NAN if known.vibration_level is None else known.vibration_level,
-        NAN if known.vibration is None else known.vibration,
-        sum(known.hover_command) / len(known.hover_command) if known.hover_command else NAN,
-        sum(known.hover_speed) / len(known.hover_speed) if known.hover_speed else NAN,
-    )
 
 
 def _root(s: float, std: float) -> tuple[float, float]:

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gcs_health.airframe import Airframe
+
 Mode = Literal["paper", "recommended"]
 NAN = math.nan
 
@@ -44,6 +46,20 @@ class Baseline:
     vibration: float = NAN
     command: float = NAN
     speed: float = NAN
+
+    @classmethod
+    def of(cls, airframe: Airframe) -> "Baseline | None":
+        """Return what `gcs-health calibrate` has left of the healthy vehicle; None if nothing."""
+        known = airframe.baseline
+        if not known.unbalance and known.vibration_level is None and known.vibration is None:
+            return None
+        return cls(
+            known.unbalance,
+            NAN if known.vibration_level is None else known.vibration_level,
+            NAN if known.vibration is None else known.vibration,
+            sum(known.hover_command) / len(known.hover_command) if known.hover_command else NAN,
+            sum(known.hover_speed) / len(known.hover_speed) if known.hover_speed else NAN,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,7 +101,7 @@ class AlertDesk:
     def feed(self, verdict: Verdict, evidence: tuple[tuple[str, float | str], ...] = ()) -> list[Alert]:
         """Take one rotor's verdict; return what the operator must be told because of it."""
         told = []
-        for family in ON_GROUND if self.landed else FAMILIES:
+        for family in FAMILIES_ON_GROUND if self.landed else FAMILIES:
             probability = verdict.of(family)
             episode = self._open.get((verdict.rotor, family))
             if episode is None:
@@ -268,7 +268,7 @@ FAILED_FAMILY = FAILED
 TELEMETRY = frozenset({Kind.ESC_TELEMETRY_LOST})
 _EXCHANGED = (frozenset({Kind.ESC_MISATTRIBUTED}), frozenset({Kind.MOTOR_ORDER_WRONG}))
 FAMILIES = (FAILED_FAMILY, *(frozenset({kind}) for kind in FAULTS if kind not in FAILED))
-ON_GROUND = (
+FAMILIES_ON_GROUND = (
     frozenset({Kind.ESC_FAULT_REPORTED}),
     frozenset({Kind.ESC_OVERHEATING}),
 )  # seen as well after landing

@@ -111,7 +111,7 @@ class RotorPanel:
 
     def _flight(self, reading: FlightReading) -> None:
         """After a flight nothing new is raised from what was seen in it, however evidence lapses."""
-        flies = reading.armed is not False and reading.landed is not True
+        flies = reading.flies
         if flies is not self._desk.landed:
             self._flew = self._flew or flies
             return

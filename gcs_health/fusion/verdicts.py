@@ -17,7 +17,7 @@ from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
 NAN = float("nan")
 NOBODY = -1  # in place of a rotor: one of them, which one cannot be told
 WORTH_TELLING = 0.1  # change of probability
-ON_GROUND = frozenset({"esc_info"})  # sources that see as well after landing
+SOURCES_ON_GROUND = frozenset({"esc_info"})  # sources that see as well after landing
 BOUND = 12.0  # nats that one source may move a kind's odds
 
 # prior odds against healthy, of one rotor at any moment: what maintenance records make plausible, and low enough that
@@ -169,7 +169,7 @@ class RotorBelief:
         Nothing looks at thrust any more: what was healthy is unknown.
         """
         for source, said in list(self._evidence.items()):
-            if source in ON_GROUND:
+            if source in SOURCES_ON_GROUND:
                 continue
             if t - said.t > said.lasts:
                 del self._evidence[source]
@@ -178,7 +178,9 @@ class RotorBelief:
 
     def take_off(self) -> None:
         """Forget what was held since the landing."""
-        self._evidence = {source: said for source, said in self._evidence.items() if source in ON_GROUND}
+        self._evidence = {
+            source: said for source, said in self._evidence.items() if source in SOURCES_ON_GROUND
+        }
 
     def new_flight(self) -> None:
         """Forget what was held for the flight."""

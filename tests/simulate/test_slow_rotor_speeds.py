@@ -6,6 +6,7 @@ import numpy as np
 
 from gcs_health.airframe import Airframe, Effectiveness
 from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
+from gcs_health.estimators.short_order import ShortOrderConfig
 from gcs_health.simulate.batch import Flights, fly_many
 from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import load_scenario
@@ -14,7 +15,7 @@ from gcs_health.simulate.telemetry import BOOTED
 LOST_AT = 12.0
 SEEDS = (1001, 1006, 1008)  # of those that showed the rule's need
 RULE = EffectivenessConfig()
-NO_RULE = replace(RULE, recommended=replace(RULE.recommended, freed=0.0))
+NO_RULE = replace(RULE, recommended=replace(RULE.recommended, short_order=ShortOrderConfig(freed=0.0)))
 
 
 def hexacopter() -> tuple[Flights, Airframe]:
