@@ -14,15 +14,17 @@ from gcs_health.cli.receivers import evidence_of, sinks_of
 from gcs_health.errors import GcsHealthError
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.spellings import parse_endpoint
-from gcs_health.record.events import AlertEvent, Event
+from gcs_health.record.events import AlertEvent, EstimateEvent, Event
 from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import load_scenario
 from gcs_health.simulate.telemetry import BOOTED
+from gcs_health.survey import Survey
 
 if TYPE_CHECKING:
     from gcs_health.dashboard.watch import Watch
 
 HOST = "127.0.0.1"
+LOSSY = 0.02  # share of messages lost on a loopback link from which on a computer does not keep up
 SKIP = 2.0  # s of standing about that a newcomer need not watch: until it climbs
 
 
@@ -55,7 +57,8 @@ def run(options: argparse.Namespace, watch: "Watch | None" = None) -> int:
             try:
                 session.listen(None, Landed(vehicle))
                 if watch is not None:
-                    truth = " ".join(told.verdict(fault) for fault in scenario.faults)
+                    why = _why_unseen(monitor.survey())
+                    truth = " ".join(told.verdict(fault, why) for fault in scenario.faults)
                     watch.linger(f"the flight is over. {truth}")
             except KeyboardInterrupt:
                 code = INTERRUPTED
@@ -67,7 +70,7 @@ def run(options: argparse.Namespace, watch: "Watch | None" = None) -> int:
         if code == DONE and vehicle.returncode and not left:
             raise GcsHealthError(f"the simulated vehicle ended with code {vehicle.returncode}")
         for fault in scenario.faults:
-            print(told.verdict(fault), file=output.text)
+            print(told.verdict(fault, _why_unseen(monitor.survey())), file=output.text)
     return code
 
 
@@ -90,12 +93,14 @@ class Told:
     def __init__(self, output: Output) -> None:
         self._output = output
         self._raised: list[AlertEvent] = []
+        self._heard = 0.0  # until then [s, vehicle clock]
 
     def write(self, events: list[Event], *, at_once: bool) -> None:
         """See `Output.write`."""
         self._raised += [
             event for event in events if isinstance(event, AlertEvent) and event.state == "raised"
         ]
+        self._heard = max([self._heard, *(e.t for e in events if isinstance(e, EstimateEvent))])
         self._output.write(events, at_once=at_once)
 
     def poll(self, now_us: int) -> None:
@@ -107,8 +112,8 @@ class Told:
         """See `Output.tell`."""
         return self._output.tell
 
-    def verdict(self, fault: Fault) -> str:
-        """Say in a sentence whether a fault was found, and how fast."""
+    def verdict(self, fault: Fault, why_unseen: str) -> str:
+        """Say in a sentence whether a fault was found, and how fast; if not, why."""
         at, motor = BOOTED + float(fault.at), int(fault.rotor) + 1
         what = f"the truth: {fault.kind.replace('_', ' ')} on motor {motor} at {at:.3f} s"
         for event in self._raised:
@@ -121,7 +126,21 @@ class Told:
                     else "but it named none"
                 )
                 return f"{what}; alert {(event.t - at) * 1e3:.0f} ms later, {right}"
-        return f"{what}; no alert"
+        if self._heard < at:
+            return f"{what}; no alert: nothing that was heard came later than {self._heard:.1f} s"
+        return f"{what}; no alert: {why_unseen}"
+
+
+def _why_unseen(survey: Survey) -> str:
+    """Return what most likely kept a fault of the vehicle from being seen."""
+    lost = sum(system.lost for system in survey.systems if system.role == "vehicle")
+    sent = lost + sum(system.frames for system in survey.systems if system.role == "vehicle")
+    if lost > LOSSY * sent:
+        share = f"{lost} of {sent} messages were lost on the way"
+        return f"{share}, this computer does not keep up; a smaller --speed helps"
+    return (
+        "it is smaller than this telemetry shows (the summary says what would be seen), or came on the ground"
+    )
 
 
 def _listen() -> tuple[Links, int]:

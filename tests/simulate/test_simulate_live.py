@@ -92,6 +92,19 @@ def test_the_demo_names_the_motor_within_a_second_and_ends_with_0(tmp_path: Path
     assert first["t"] - estimates[0]["t"] < 3.0
 
 
+@pytest.mark.parametrize(
+    ("size", "speed", "expected"),
+    [("0.97", "8", "no alert: it is smaller than this telemetry shows"), ("0.0", "500", "ms later, right")],
+)
+def test_the_demo_says_why_there_was_no_alert_and_a_hasty_one_loses_nothing(
+    size: str, speed: str, expected: str
+) -> None:
+    fault = f'fault=[{{kind="effectiveness", motor=3, at=9.0, size={size}}}]'
+    done = run("demo", "--set", fault, "--set", "trajectory.duration=12.0", "--speed", speed)
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout.splitlines()[-1], done.stdout
+
+
 def test_live_hears_a_flight_faster_than_real_time() -> None:
     port = free_port()
     listen = [*COMMAND, "live", f"udpin://127.0.0.1:{port}", "--duration", "60", "--jsonl", "-"]
