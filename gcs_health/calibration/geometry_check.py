@@ -38,6 +38,9 @@ class GeometryConfig:
     weak_f: float = 10.0
     doubt_f: float = 3.0  # a verdict asks for more than flight does: a wrong name is worse than none
     doubt_cos: float = 0.3
+    doubt_left: float = (
+        1.2  # what the geometry leaves unexplained, over what the free fit leaves: less is borne out
+    )
     doubt_samples: float = 100.0  # with fewer, and a time shift not yet found, right files look wrong too
     agree_cos: float = 0.7
 
@@ -103,10 +106,17 @@ def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:
 
 
 def doubtful(fits: list[AxisFit], config: GeometryConfig) -> bool:
-    """Whether a verdict must not be given on this geometry: weaker evidence than `contradicted`."""
+    """Whether a verdict must not be given on this geometry: weaker evidence than `contradicted`.
+
+    In a single brisk manoeuvre the squared speeds move along one direction: the free coefficients are then anything
+    that agrees with it, and their cosine alone means nothing. What the geometry leaves unexplained is asked too: with
+    cosines below .4 the right file left 1.11 times as much as the free fit at most, a wrong one 1.36 (two simulated
+    flights, `demo` from seeds 4 and 12).
+    """
     return any(
         fit.f > (config.doubt_f if fit.samples > config.doubt_samples else config.weak_f)
         and fit.cos < config.doubt_cos
+        and 1.0 - fit.assumed > config.doubt_left * (1.0 - fit.free)
         for fit in fits
     )
 

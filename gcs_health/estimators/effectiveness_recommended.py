@@ -351,17 +351,15 @@ class RecommendedBank:
 
     def _decide(self, verdict: Verdict, t: float) -> bool:
         """Name the rotor, if the geometry bears it; return whether anything is decided."""
-        moments = self.moments
-        if not moments.can_judge:
-            return False
-        if moments.doubtful(self.track.interval, self.tick_length):
-            return True
-        if self.assumed and not moments.supports(self.track.interval, self.tick_length):
-            return False  # a guess must be borne out before it names a rotor
+        if not self._bears_a_name():
+            return self.moments.doubtful(self.track.interval, self.tick_length)
         self.failed = verdict.rotor
         self.verdict = verdict
         self._failed_at = t
         return True
+
+    def _bears_a_name(self) -> bool:
+        return self.moments.bears_a_name(self.track.interval, self.tick_length, self.assumed)
 
     def _refine(self, t: float) -> None:
         """Size the loss better: the window that names the rotor best still grows after the verdict."""
@@ -381,6 +379,8 @@ class RecommendedBank:
         self.slow.feed(lesson, self.gains.matrix)
         self.partial.feed(lesson, self.gains.matrix)
         self.moments.feed(lesson, self.track.interval, self.tick_length)
+        if self.partial.rotor is not None and not self._bears_a_name():
+            self.partial.rotor = None
         self._checked += lesson.length
         if self._checked >= c.check_every:
             self._checked = 0.0

@@ -79,23 +79,22 @@ class MomentLearning:
                 self.contradicted = False
         return self.contradicted != was
 
-    @property
-    def can_judge(self) -> bool:
-        """Whether enough was seen for a verdict to be checked against the geometry."""
-        return self._regression.time >= self.config.geometry.least_time
-
     def doubtful(self, interval: float, tick_length: float) -> bool:
         """Whether a verdict must not be given on this geometry; it then counts as contradicted."""
         if geometry_check.doubtful(self._fits(interval, tick_length), self.config.geometry):
             self.contradicted = True
         return self.contradicted
 
-    def supports(self, interval: float, tick_length: float) -> bool:
-        """Whether the flight bears out a geometry that was only assumed."""
-        return geometry_check.supports(self._fits(interval, tick_length), self.config.geometry)
+    def bears_a_name(self, interval: float, tick_length: float, assumed: bool) -> bool:
+        """Whether a rotor may be named on this geometry; one only `assumed` must be borne out by the flight."""
+        g = self.config.geometry
+        fits = self._fits(interval, tick_length)
+        if self._regression.time < g.least_time or geometry_check.doubtful(fits, g):
+            return False
+        return not assumed or geometry_check.supports(fits, g)
 
     def _fits(self, interval: float, tick_length: float) -> list[geometry_check.AxisFit]:
-        if not self.can_judge:
+        if self._regression.time < self.config.geometry.least_time:
             return []
         block = max(self.config.prior.block, tick_length, interval if interval == interval else 0.0)
         found = (

@@ -1,6 +1,7 @@
 """The estimator on recorded flights beside the checkout: the real ejection, and silence where nothing failed."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from flight_logs import EJECTED, EJECTION, FIRST_VISIBLE, FLIGHTS, decimate, divisors, records, run  # noqa: E402
 
+from gcs_health.pipeline import Monitor, MonitorConfig  # noqa: E402
+from gcs_health.record.events import AlertEvent, EstimateEvent  # noqa: E402
 from gcs_health.vehicle_file import load_vehicle  # noqa: E402
 
 pytestmark = pytest.mark.skipif(
@@ -43,6 +46,23 @@ def test_the_ejection_is_found(cell: str, mode: str, earliest: float, latest: fl
         t, motor = result.alarms[0]
         assert motor == EJECTED
         assert earliest < t <= latest
+
+
+@pytest.mark.parametrize("seats", [(0, 2, 1, 3), (1, 3, 0, 2), (3, 1, 2, 0)])
+def test_with_the_file_of_another_order_nothing_is_alarmed_but_said(seats: tuple[int, ...]) -> None:
+    right = load_vehicle(DATA / "vehicles" / "bebop2.toml")
+    moved = tuple(
+        replace(rotor, position=right.rotors[seat].position, spin=right.rotors[seat].spin)
+        for rotor, seat in zip(right.rotors, seats, strict=True)
+    )
+    monitor = Monitor(MonitorConfig(stamped=True, airframe=replace(right, rotors=moved)))
+    events = monitor.feed((DATA / f"{EJECTION}.tlog").read_bytes()) + monitor.finish()
+    alerts = [event for event in events if isinstance(event, AlertEvent)]
+    assert not [alert for alert in alerts if alert.code != "MOTOR_ORDER_WRONG"]
+    said = [
+        event for event in events if isinstance(event, EstimateEvent) and event.estimator == "effectiveness"
+    ]
+    assert said[-1].reasons[0] == "geometry_contradicted"
 
 
 @pytest.mark.parametrize("name", [name for name in FLIGHTS if name != EJECTION])

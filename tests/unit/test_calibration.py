@@ -14,7 +14,7 @@ from gcs_health.calibration.control_effectiveness import (
     Level,
     MomentRegression,
 )
-from gcs_health.calibration.geometry_check import GeometryConfig, contradicted, fit_axis
+from gcs_health.calibration.geometry_check import AxisFit, GeometryConfig, contradicted, doubtful, fit_axis
 from gcs_health.calibration.residual_noise import NoiseConfig, ResidualNoise
 from gcs_health.calibration.time_shift import TimeShift
 from gcs_health.estimators.effectiveness import EffectivenessEstimator
@@ -184,3 +184,10 @@ def test_the_geometry_check_sees_a_renumbered_file(order: tuple[int, ...], wrong
     fits = [fit_axis(regression, 0, claimed.roll, 0.02), fit_axis(regression, 1, claimed.pitch, 0.02)]
     assert all(fit is not None for fit in fits)
     assert contradicted([fit for fit in fits if fit is not None], GeometryConfig()) is wrong
+
+
+@pytest.mark.parametrize(("assumed", "wrong"), [(0.9589, False), (0.9419, True), (0.0, True)])
+def test_a_cosine_alone_contradicts_no_geometry(assumed: float, wrong: bool) -> None:
+    # one brisk manoeuvre: all speeds move along one direction, the free coefficients are anything that agrees with it
+    fit = AxisFit(free=0.9629, assumed=assumed, cos=0.19, f=1687.0, samples=264.0)
+    assert doubtful([fit], GeometryConfig()) is wrong
