@@ -3,7 +3,7 @@
     g_i = W_i / u_i, learned in flight with a memory of 5 s; held against the median of all g_i / learned, so that a
     sagging battery is no fault
     slow: W_i below half of what the least command of the last 0.3 s gives, for 0.2 s; without current below .8 of
-    it, for 0.1 s
+    it, for 0.06 s: before a controller that gives the rotor up cuts its command
 
 Least command, because commands come late and seldom: a speed that lags behind a jump is well. Under current it is
 stuck, without it is stopped; where currents are not known it may be either. A rotor whose command went to zero after
@@ -19,7 +19,7 @@ from gcs_health.samples import CommandReading, RotorReading
 
 MEMORY, LEARN = 5.0, 2.0  # s, of the gains; and s of flight until they are believed
 EARLY = 10.0  # s of flight: against what they are then a sag is told
-WINDOW, HOLD, HOLD_UNDRIVEN, STALE = 0.3, 0.2, 0.1, 0.5  # s
+WINDOW, HOLD, HOLD_UNDRIVEN, STALE = 0.3, 0.2, 0.06, 0.5  # s
 SLOW, UNDRIVEN, STANDS = 0.5, 0.8, 0.05  # of the speed that the command gives
 OFF = 0.1  # of the usual command: an order to stand
 UNDER_CURRENT, NO_CURRENT = 0.5, 0.15  # of the usual current
@@ -102,7 +102,8 @@ class Commanded:
     def _judge(self, t: float, k: int, least: float, common: float) -> Evidence | None:
         wanted = least * self._gain[k] * common
         current = self._now[k] / self._current[k] if self._current[k] else math.nan
-        limit, hold = (UNDRIVEN, HOLD_UNDRIVEN) if current < NO_CURRENT else (SLOW, HOLD)
+        undriven = abs(current) < NO_CURRENT  # one that brakes is driven
+        limit, hold = (UNDRIVEN, HOLD_UNDRIVEN) if undriven else (SLOW, HOLD)
         if not (least > SLOW * self._usual[k] and self._speed[k] < limit * wanted):
             self._slow_since[k] = math.nan
             return None
@@ -114,7 +115,7 @@ class Commanded:
         stopped = stuck = BOUND
         if current > UNDER_CURRENT:
             stopped, stuck = -BOUND, BOUND if stands else 0.0
-        elif current < NO_CURRENT:
+        elif undriven:
             stuck = -3.0
         figures: tuple[tuple[str, float | str], ...] = (
             ("speed_over_commanded", self._speed[k] / wanted),

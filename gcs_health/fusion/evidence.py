@@ -88,23 +88,28 @@ def torque(estimate: Estimate) -> Evidence | None:
 
 
 def drag(estimate: Estimate) -> Evidence | None:
-    """The motor's drag against its own: risen where something rubs or a bearing runs dry; fallen is no such fault."""
-    if estimate.value < 1.0:
-        estimate = estimate._replace(failure_probability=min(estimate.failure_probability, UNLIKELY))
-    return _slow(estimate, Kind.DRAG_RISEN, "motor_observer drag")
+    """The motor's drag against its own: risen where something rubs or a bearing runs dry.
+
+    Fallen, the propeller moves less air, or the motor is not driven: a vote for both, and against one that slips.
+    """
+    p = estimate.failure_probability
+    if p != p or estimate.status is not Status.VALID:
+        return None
+    fallen = estimate.value < 1.0
+    risen = _compensated(min(p, UNLIKELY) if fallen else p, Kind.DRAG_RISEN)
+    odds: Odds = ((Kind.DRAG_RISEN, risen),)
+    if fallen and p > 0.9:
+        odds += ((Kind.THRUST_LOSS, VOTE), (Kind.MOTOR_STOPPED, VOTE), (Kind.PROPELLER_SLIPPING, -VOTE))
+    return _evidence(estimate, odds, sees_thrust=False, source="motor_observer drag", lasts=HOLDS_SLOW)
 
 
 def unbalance(estimate: Estimate) -> Evidence | None:
     """The propeller's unbalance, where it can be told whose it is."""
-    return _slow(estimate, Kind.PROPELLER_UNBALANCED, estimate.estimator)
-
-
-def _slow(estimate: Estimate, kind: Kind, source: str) -> Evidence | None:
     p = estimate.failure_probability
     if p != p or estimate.status is not Status.VALID:
         return None
-    odds = ((kind, _compensated(p, kind)),)
-    return _evidence(estimate, odds, sees_thrust=False, source=source, lasts=HOLDS_SLOW)
+    odds = ((Kind.PROPELLER_UNBALANCED, _compensated(p, Kind.PROPELLER_UNBALANCED)),)
+    return _evidence(estimate, odds, sees_thrust=False, lasts=HOLDS_SLOW)
 
 
 def _compensated(p: float, kind: Kind) -> float:

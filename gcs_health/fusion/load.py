@@ -3,8 +3,9 @@
     r_i = (I_i / W_i²) / (its value learned with a memory of 5 s)
 
 A rotor without its propeller draws next to nothing, one whose propeller slips or misses the air as much as before, a
-cut blade in between. Relative, so that neither the motor's constants nor the side on which the ESC measures must be
-known. Asked only of a rotor whose thrust is missing: it tells kinds apart, and finds nothing itself.
+cut blade in between; one that stands under current is blocked, one without current is not driven. Relative, so that
+neither the motor's constants nor the side on which the ESC measures must be known. Asked only of a rotor whose thrust
+is missing: it tells kinds apart, and finds nothing itself.
 """
 
 import math
@@ -18,6 +19,8 @@ MEMORY, EVERY, LEARN = 5.0, 0.1, 2.0  # s: of the usual load; from lesson to les
 OVER, FROM = 0.4, 0.1  # s: it is measured over so long, at least
 NONE, SPREAD = 0.1, 0.15  # load without a propeller; standard deviation, of one flight's manoeuvres
 PART = (0.3, 0.7)  # loads of what is partly there
+STANDS = 0.05  # of its usual speed
+UNDER_CURRENT, NO_CURRENT = 0.5, 0.15  # of the usual current
 
 
 class Load:
@@ -30,6 +33,7 @@ class Load:
     def new_flight(self) -> None:
         """Forget the flight before."""
         self._usual = [math.nan] * self._n
+        self._speed, self._current = [math.nan] * self._n, [math.nan] * self._n  # the usual ones
         self._learned = [0.0] * self._n
         self._at = -math.inf
         self._recent: deque[tuple[float, RotorReading]] = deque(maxlen=64)
@@ -44,8 +48,9 @@ class Load:
             if load == load:
                 self._learned[k] += EVERY
                 share = EVERY / min(self._learned[k], MEMORY)
-                usual = self._usual[k]
-                self._usual[k] = load if usual != usual else usual + share * (load - usual)
+                self._usual[k] = _towards(self._usual[k], load, share)
+                self._speed[k] = _towards(self._speed[k], speed, share)
+                self._current[k] = _towards(self._current[k], current, share)
 
     def follow(self, reading: RotorReading, rotor: int) -> Evidence | None:
         """Take a reading just after a rotor has failed; return what its load says of the kind."""
@@ -56,6 +61,8 @@ class Load:
         usual = self._usual[rotor]
         if self._learned[rotor] < LEARN or not usual > 0.0:
             return None
+        if reading.speed[rotor] < STANDS * self._speed[rotor]:
+            return self._standing(reading.t, rotor, reading.current[rotor] / self._current[rotor])
         known = [
             (each.speed[rotor], each.current[rotor])
             for _, each in recent
@@ -65,6 +72,13 @@ class Load:
             return None
         ratio = sum(i for _, i in known) / sum(w * w for w, _ in known) / usual
         return self._said(reading.t, rotor, ratio)
+
+    def _standing(self, t: float, rotor: int, ratio: float) -> Evidence | None:
+        if not (ratio > UNDER_CURRENT or ratio < NO_CURRENT):  # NaN is neither
+            return None
+        blocked = 0.5 * BOUND if ratio > UNDER_CURRENT else -0.5 * BOUND
+        odds = ((Kind.MOTOR_STUCK, blocked), (Kind.MOTOR_STOPPED, -blocked))
+        return Evidence(t, rotor, "load", odds, lasts=math.inf, figures=(("current_over_usual", ratio),))
 
     def _said(self, t: float, rotor: int, ratio: float) -> Evidence:
         well = _normal(min(ratio, 1.0), 1.0)
@@ -77,6 +91,10 @@ class Load:
             (Kind.PROPELLER_SLIPPING, 0.0),
         )
         return Evidence(t, rotor, "load", odds, lasts=math.inf, figures=(("load_over_usual", ratio),))
+
+
+def _towards(value: float, new: float, share: float) -> float:
+    return new if value != value else value + share * (new - value)
 
 
 def _normal(x: float, mean: float) -> float:

@@ -30,7 +30,7 @@ from gcs_health.samples import (
 
 LIVE = (RotorState.FRESH, RotorState.STOPPED)
 DECIDES = 0.6  # s after a failure in which load and command tell its kind: then a quadrotor cuts its motors
-PART_HOLDS = 2.0  # s that a part of the thrust must be missing; benchmarks/partial_losses.md
+PART_MISSES = 0.2  # s: so long times the part that is missing, a tenth for 2 s; benchmarks/partial_losses.md
 
 # what each of the autopilot's words could be of
 MEANS: dict[Opinion, frozenset[Kind]] = {
@@ -192,7 +192,8 @@ class RotorPanel:
             self._part_since.pop(rotor, None)
             return evidence
         missing = estimate.t - self._part_since.setdefault(rotor, estimate.t)
-        return partial_loss(estimate, evidence) if missing >= PART_HOLDS else evidence
+        lasts = missing * (1.0 - estimate.value) >= PART_MISSES
+        return partial_loss(estimate, evidence) if lasts else evidence
 
     def esc_info(self, t: float, info: EscInfo) -> None:
         """Take the ESCs' own reports."""
