@@ -6,6 +6,7 @@ value a flight (a campaign, numpy). Plain operators do for both; what differs is
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ class Arithmetic(NamedTuple):
     maximum: Callable[[Value, Value], Value]
     clip: Callable[[Value, Value], Value]  # to plus and minus the second
     clip3: Callable[[Value, Value, Value, Value], list[Value]]  # three at once, to plus and minus the last
+    within: Callable[[list[Value], Value, Value], list[Value]]  # each at least the second, at most the third
+    largest: Callable[[list[Value]], Value]
     bounded: Callable[
         [Value, Value, Value, Value], Value
     ]  # the first, at most the next two, at least the last
@@ -51,6 +54,12 @@ FLOATS = Arithmetic(
         if -most < a < most and -most < b < most and -most < c < most
         else [_clipped(value, most) for value in (a, b, c)]
     ),
+    within=lambda values, least, most: (
+        values
+        if least <= min(values) and max(values) <= most
+        else [min(max(value, least), most) for value in values]
+    ),
+    largest=max,
     bounded=lambda a, most, limit, least: (
         a if least < a < most and a < limit else max(min(a, most, limit), least)
     ),
@@ -66,6 +75,8 @@ COLUMNS = Arithmetic(
     maximum=np.maximum,
     clip=_columns_clipped,
     clip3=lambda a, b, c, most: [_columns_clipped(value, most) for value in (a, b, c)],
+    within=lambda values, least, most: [np.minimum(np.maximum(value, least), most) for value in values],
+    largest=lambda values: reduce(np.maximum, values),
     bounded=lambda a, most, limit, least: np.maximum(np.minimum(np.minimum(a, most), limit), least),
     where=np.where,
     any=lambda condition: bool(np.any(condition)),

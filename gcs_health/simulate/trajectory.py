@@ -24,8 +24,8 @@ class Goal:
     vz: Value = 0.0
     speed: float = 2.0
     tilt: float = 0.6
-    idle: Value = False
-    off: Value = False
+    idle: bool = False
+    off: bool = False
 
 
 @dataclass(frozen=True, slots=True)
