@@ -6,15 +6,17 @@ value a flight (a campaign, numpy). Plain operators do for both; what differs is
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 Value = Any  # float, or (flights,) array: the formulas do not care
 
 
-class Arithmetic(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Arithmetic:
     """The functions that floats and columns do not share."""
 
     sqrt: Callable[[Value], Value]

@@ -99,13 +99,13 @@ class Controller:
         thrusts = self._share(lift, *self._moment(gyro, *self.turn))
         low_down = plant.position[2] > -1.0 - self.vehicle.leg
         self.crashed = self.crashed | (low_down & (z3 < 0.3))  # it lies on its side: motors off
-        on = ops.where(self.crashed | goal.off, 0.0, 1.0)
         idle, scale, sqrt = self.vehicle.motor.idle, 1.0 / self.vehicle.motor.thrust, ops.sqrt
         if goal.idle:
-            self.wanted = [on * idle for _ in thrusts]
+            speeds = [idle] * len(thrusts)
         else:
             speeds = ops.within([sqrt(one * scale) for one in thrusts], idle, math.inf)
-            self.wanted = [on * speed for speed in speeds]
+        stopped = self.crashed | goal.off
+        self.wanted = [ops.where(stopped, 0.0, one) for one in speeds] if ops.any(stopped) else speeds
         return self.wanted
 
     def _acceleration(self, plant: Plant, goal: Goal) -> list[Value]:
@@ -127,7 +127,8 @@ class Controller:
         g, clip3 = self.gains, self.ops.clip3
         keep = min(1.0, self.dt * g.gyro_cutoff)
         (gp, gq, gr), (p, q, r) = gyro, self._gyro
-        self._gyro = p, q, r = p + keep * (gp - p), q + keep * (gq - q), r + keep * (gr - r)
+        p, q, r = p + keep * (gp - p), q + keep * (gq - q), r + keep * (gr - r)
+        self._gyro = [p, q, r]
         roll, pitch, yaw = clip3(roll, pitch, yaw, g.fastest_turn)
         ep, eq, er = roll - p, pitch - q, yaw - r
         gathered = g.rate_integral * self.dt
@@ -147,7 +148,9 @@ class Controller:
             for (up, roll, pitch, _), turn in zip(self._mix, turns, strict=True)
         ]
         over = ops.maximum(ops.largest(thrusts) - top, 0.0)
-        return ops.within([one - over for one in thrusts], least, top)
+        if ops.any(over):
+            thrusts = [one - over for one in thrusts]
+        return ops.within(thrusts, least, top)
 
 
 def mixer(vehicle: SimVehicle, usable: NDArray[np.float64]) -> NDArray[np.float64]:

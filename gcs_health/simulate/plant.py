@@ -110,7 +110,8 @@ class Plant:
         """Advance by `dt` [s] with the rotor speeds `wanted` [rad/s] in a `wind` of the world [m/s]."""
         r11, r12, r13, r21, r22, r23, r31, r32, r33 = self.rotation
         vx, vy, vz = self.velocity
-        ax, ay, az = vx - wind[0], vy - wind[1], vz - wind[2]
+        wx, wy, wz = wind
+        ax, ay, az = vx - wx, vy - wy, vz - wz
         u = r11 * ax + r21 * ay + r31 * az
         v = r12 * ax + r22 * ay + r32 * az
         w = r13 * ax + r23 * ay + r33 * az

@@ -117,7 +117,7 @@ class Imu:
         self._poles = _two_poles(config.imu_filter, step) if ardupilot else None
         self._bias = _values(bias)
         self._history: list[tuple[Value, Value]] = [(b * 0.0, b * 0.0) for b in self._bias]
-        self._sums: list[Value] = [0.0] * 6
+        self._sums: list[Value] = []  # of this interval, from its `_count` samples
         self._count = 0
         self.gyro: list[Value] = self._bias[3:]
         self.latest = ImuSample(0.0, [b * 0.0 for b in self._bias])
@@ -129,14 +129,14 @@ class Imu:
         if self._poles is not None:
             self.latest = ImuSample(t, self._low_pass(raw))
             return True
-        self._sums = list(map(add, self._sums, raw))
+        self._sums = list(map(add, self._sums, raw)) if self._count else raw
         self._count += 1
         if self._count < self._block:
             return False
         share = 1.0 / self._count
         # the mean belongs to the middle of its interval; autopilots stamp its end
         self.latest = ImuSample(t, [share * value for value in self._sums])
-        self._sums, self._count = [0.0] * 6, 0
+        self._count = 0
         return True
 
     def _raw(self, plant: Plant) -> list[Value]:

@@ -85,7 +85,9 @@ class Telemetry:
         while queue and queue[0][0] <= t:
             ready.append(heappop(queue))
         out: list[bytes] = []
-        for at, place, name in sorted(ready, key=_PLACE):
+        if len(ready) > 1:
+            ready.sort(key=_PLACE)
+        for at, place, name in ready:
             # a stream faster than the physics sends with every step, no more
             heappush(queue, (max(at + self.interval[name], t), place, name))
             out += self._build[name](t)
@@ -209,16 +211,14 @@ class Telemetry:
         ]
 
     def _esc_status(self, t: float) -> list[bytes]:
-        out = []
-        count = self.escs.slots
-        for first in range(0, count, 4):
+        out, newest = [], self.generation == 3
+        for first in range(0, self.escs.slots, 4):
             taken = 0 if self.generation == 1 else first  # the first generation repeats ESC 0-3
             slots = [self.escs.slot(taken + k, t) for k in range(4)]
-            known = [slot.sample for slot in slots if slot.sample is not None]
-            if self.generation == 3 and not any(slot.alive for slot in slots):
+            if newest and not any([slot.alive for slot in slots]):
                 continue
             # the newest generation stamps the sending, the others the newest sample of the driver
-            at = t if self.generation == 3 or not known else max(sample.t for sample in known)
+            at = t if newest else max([slot.sample.t for slot in slots if slot.sample], default=t)
             told = [slot.sample if slot.alive and slot.sample else _SILENT for slot in slots]
             out.append(
                 self.encoder.frame(
