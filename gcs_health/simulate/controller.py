@@ -142,10 +142,10 @@ class Controller:
     def _share(self, lift: Value, mx: Value, my: Value, mz: Value) -> list[Value]:
         """Return the thrusts; saturation costs yaw first, then height, last roll and pitch."""
         ops, (least, top) = self.ops, self._thrusts
-        turns = ops.within([yaw * mz for _, _, _, yaw in self._mix], -self._most_yaw, self._most_yaw)
+        clip, most_yaw = ops.clip, self._most_yaw
         thrusts = [
-            up * lift + roll * mx + pitch * my + turn
-            for (up, roll, pitch, _), turn in zip(self._mix, turns, strict=True)
+            up * lift + roll * mx + pitch * my + clip(yaw * mz, most_yaw)
+            for up, roll, pitch, yaw in self._mix
         ]
         over = ops.maximum(ops.largest(thrusts) - top, 0.0)
         if ops.any(over):
