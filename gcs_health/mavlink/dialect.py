@@ -59,12 +59,23 @@ class Message:
         return struct.Struct("<" + codes)
 
     @cached_property
+    def crc_extra_byte(self) -> bytes:
+        """Return CRC_EXTRA as the byte to put behind a frame's bytes."""
+        return bytes((self.crc_extra,))
+
+    @cached_property
     def layout_of_zeros(self) -> list[Any]:
         """Return what `layout` packs to an empty message: copy it before filling it in."""
         zeros: list[Any] = []
         for _, kind, length in self.fields:
             zeros += [b""] if kind == "char" else [0] * (length or 1)
         return zeros
+
+    @cached_property
+    def scalars_of_zeros(self) -> dict[str, int] | None:
+        """Return every field at 0 in wire order, where all are plain numbers; None where any is not."""
+        plain = all(kind != "char" and not length for _, kind, length in self.fields)
+        return dict.fromkeys((name for name, _, _ in self.fields), 0) if plain else None
 
     @cached_property
     def positions(self) -> dict[str, tuple[int, int]]:

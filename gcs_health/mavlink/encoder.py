@@ -1,6 +1,7 @@
 """Values to MAVLink 2 frames: the other direction of `frames.py`, for one sender."""
 
 import math
+import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,6 +9,9 @@ from fastcrc.crc16 import mcrf4xx
 
 from gcs_health.mavlink.dialect import Dialect, Message
 from gcs_health.mavlink.framing import MAGIC_V2
+
+_MAGIC = bytes((MAGIC_V2,))
+_HEAD = struct.Struct("<BBBBBBHB")  # length, flags, sequence, sender, message id of three bytes
 
 Field = float | int | bytes | str | Sequence[float] | Sequence[int]
 
@@ -41,6 +45,9 @@ class Encoder:
 
 def payload_of(message: Message, fields: dict[str, Any]) -> bytes:
     """Return the untruncated payload of these fields, wire units; arrays shorter than the message's end in 0."""
+    scalars = message.scalars_of_zeros
+    if scalars is not None and len(every := scalars | fields) == len(scalars):
+        return message.layout.pack(*every.values())
     values: list[Any] = message.layout_of_zeros.copy()
     for name, value in fields.items():
         at, count = message.positions[name]
@@ -55,9 +62,9 @@ def pack(message: Message, payload: bytes, sequence: int, system: int, component
     """Return a MAVLink 2 frame, unsigned; trailing zero bytes are cut as the standard asks, the first kept."""
     payload = payload.rstrip(b"\0") or payload[:1]
     id = message.id
-    head = bytes((len(payload), 0, 0, sequence, system, component, id & 0xFF, id >> 8 & 0xFF, id >> 16))
-    crc = mcrf4xx(head + payload + bytes((message.crc_extra,)))
-    return bytes((MAGIC_V2,)) + head + payload + crc.to_bytes(2, "little")
+    body = _HEAD.pack(len(payload), 0, 0, sequence, system, component, id & 0xFFFF, id >> 16) + payload
+    crc = mcrf4xx(body + message.crc_extra_byte)
+    return _MAGIC + body + crc.to_bytes(2, "little")
 
 
 def pack_v1(message: Message, payload: bytes, like: bytes) -> bytes:

@@ -6,14 +6,17 @@ value a flight (a campaign, numpy). Plain operators do for both; what differs is
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
 Value = Any  # float, or (flights,) array: the formulas do not care
 
 
-class Arithmetic(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Arithmetic:
     """The functions that floats and columns do not share."""
 
     sqrt: Callable[[Value], Value]
@@ -23,6 +26,8 @@ class Arithmetic(NamedTuple):
     maximum: Callable[[Value, Value], Value]
     clip: Callable[[Value, Value], Value]  # to plus and minus the second
     clip3: Callable[[Value, Value, Value, Value], list[Value]]  # three at once, to plus and minus the last
+    within: Callable[[list[Value], Value, Value], list[Value]]  # each at least the second, at most the third
+    largest: Callable[[list[Value]], Value]
     bounded: Callable[
         [Value, Value, Value, Value], Value
     ]  # the first, at most the next two, at least the last
@@ -51,6 +56,12 @@ FLOATS = Arithmetic(
         if -most < a < most and -most < b < most and -most < c < most
         else [_clipped(value, most) for value in (a, b, c)]
     ),
+    within=lambda values, least, most: (
+        values
+        if least <= min(values) and max(values) <= most
+        else [min(max(value, least), most) for value in values]
+    ),
+    largest=max,
     bounded=lambda a, most, limit, least: (
         a if least < a < most and a < limit else max(min(a, most, limit), least)
     ),
@@ -66,6 +77,8 @@ COLUMNS = Arithmetic(
     maximum=np.maximum,
     clip=_columns_clipped,
     clip3=lambda a, b, c, most: [_columns_clipped(value, most) for value in (a, b, c)],
+    within=lambda values, least, most: [np.minimum(np.maximum(value, least), most) for value in values],
+    largest=lambda values: reduce(np.maximum, values),
     bounded=lambda a, most, limit, least: np.maximum(np.minimum(np.minimum(a, most), limit), least),
     where=np.where,
     any=lambda condition: bool(np.any(condition)),

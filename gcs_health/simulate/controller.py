@@ -7,6 +7,7 @@ When a rotor is known to be lost its column leaves B (PX4's CA_FAILURE_MODE does
 lets a hexacopter fly on.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,9 @@ from gcs_health.simulate.plant import Plant
 from gcs_health.simulate.trajectory import Goal
 from gcs_health.simulate.vehicle import SimVehicle
 
+MOST_PUSH = 4.0  # m/s², limit of the velocity loops' integrals
 MOST_TRIM = 20.0  # rad/s², limit of the rate loops' integrals
+YAW_TRIM = 0.3  # the yaw loop's integral gathers more slowly by this
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,9 @@ class Controller:
         self.turn: tuple[Value, Value, Value] = (zero, zero, zero)
         self.crashed = zero > 1.0  # False, or a column of it
         self._mix: list[list[Value]] = mixer(vehicle, np.ones(len(vehicle.rotors))).tolist()
+        m = vehicle.motor
+        self._thrusts = m.thrust * m.idle**2, m.thrust * m.top**2  # least and most of one rotor [N]
+        self._most_yaw = gains.yaw_share * vehicle.mass * GRAVITY / len(vehicle.rotors)
 
     def allocate(self, usable: NDArray[np.float64]) -> None:
         """Use these rotors from now on: (n,) of 0 and 1, or (n, flights)."""
@@ -90,70 +96,61 @@ class Controller:
         roll = g.attitude * (e1 * x1 + e2 * x2 + e3 * x3)
         pitch = g.attitude * (e1 * y1 + e2 * y2 + e3 * y3)
         self.turn = roll, pitch, -g.yaw * x2
-        thrusts = self._share(lift, self._moment(gyro, *self.turn))
+        thrusts = self._share(lift, *self._moment(gyro, *self.turn))
         low_down = plant.position[2] > -1.0 - self.vehicle.leg
         self.crashed = self.crashed | (low_down & (z3 < 0.3))  # it lies on its side: motors off
-        on = ops.where(self.crashed | goal.off, 0.0, 1.0)
-        idle = self.vehicle.motor.idle
-        scale = 1.0 / self.vehicle.motor.thrust
-        flying = ops.where(goal.idle, 0.0, 1.0)
-        high, sqrt, standing = ops.maximum, ops.sqrt, (1.0 - flying) * idle
-        self.wanted = [on * (flying * high(sqrt(one * scale), idle) + standing) for one in thrusts]
+        idle, scale, sqrt = self.vehicle.motor.idle, 1.0 / self.vehicle.motor.thrust, ops.sqrt
+        if goal.idle:
+            speeds = [idle] * len(thrusts)
+        else:
+            speeds = ops.within([sqrt(one * scale) for one in thrusts], idle, math.inf)
+        stopped = self.crashed | goal.off
+        self.wanted = [ops.where(stopped, 0.0, one) for one in speeds] if ops.any(stopped) else speeds
         return self.wanted
 
     def _acceleration(self, plant: Plant, goal: Goal) -> list[Value]:
-        g, where, clip = self.gains, self.ops.where, self.ops.clip
-        gathered, speed, idle = g.velocity_integral * self.dt, goal.speed, goal.idle
-        out = []
-        for k, (at, ahead, x, v) in enumerate(
-            zip(
-                (goal.x, goal.y, goal.z),
-                (goal.vx, goal.vy, goal.vz),
-                plant.position,
-                plant.velocity,
-                strict=True,
-            )
-        ):
-            error = ahead + clip(g.position * (at - x), speed) - v
-            self._push[k] = push = where(idle, 0.0, clip(self._push[k] + gathered * error, 4.0))
-            out.append(g.velocity * error + push)
-        return out
+        g, clip3 = self.gains, self.ops.clip3
+        x, y, z = plant.position
+        vx, vy, vz = plant.velocity
+        back, damp, gathered = g.position, g.velocity, g.velocity_integral * self.dt
+        tx, ty, tz = clip3(back * (goal.x - x), back * (goal.y - y), back * (goal.z - z), goal.speed)
+        ex, ey, ez = goal.vx + tx - vx, goal.vy + ty - vy, goal.vz + tz - vz
+        if goal.idle:
+            self._push = [0.0, 0.0, 0.0]
+        else:
+            px, py, pz = self._push
+            self._push = clip3(px + gathered * ex, py + gathered * ey, pz + gathered * ez, MOST_PUSH)
+        px, py, pz = self._push
+        return [damp * ex + px, damp * ey + py, damp * ez + pz]
 
-    def _moment(self, gyro: list[Value], roll: Value, pitch: Value, yaw: Value) -> list[Value]:
-        g, clip = self.gains, self.ops.clip
+    def _moment(self, gyro: list[Value], roll: Value, pitch: Value, yaw: Value) -> tuple[Value, ...]:
+        g, clip3 = self.gains, self.ops.clip3
         keep = min(1.0, self.dt * g.gyro_cutoff)
+        (gp, gq, gr), (p, q, r) = gyro, self._gyro
+        p, q, r = p + keep * (gp - p), q + keep * (gq - q), r + keep * (gr - r)
+        self._gyro = [p, q, r]
+        roll, pitch, yaw = clip3(roll, pitch, yaw, g.fastest_turn)
+        ep, eq, er = roll - p, pitch - q, yaw - r
         gathered = g.rate_integral * self.dt
-        out = []
-        for k, goal, gain, share, inertia in zip(
-            (0, 1, 2),
-            (roll, pitch, yaw),
-            (g.rate, g.rate, g.yaw_rate),
-            (1.0, 1.0, 0.3),
-            self.vehicle.inertia,
-            strict=True,
-        ):
-            rate = self._gyro[k]
-            self._gyro[k] = rate = rate + keep * (gyro[k] - rate)
-            error = clip(goal, g.fastest_turn) - rate
-            self._trim[k] = trim = clip(self._trim[k] + gathered * share * error, MOST_TRIM)
-            out.append(inertia * (gain * error + trim))
-        return out
+        tp, tq, tr = self._trim
+        self._trim = tp, tq, tr = clip3(
+            tp + gathered * ep, tq + gathered * eq, tr + gathered * YAW_TRIM * er, MOST_TRIM
+        )
+        ix, iy, iz = self.vehicle.inertia
+        return ix * (g.rate * ep + tp), iy * (g.rate * eq + tq), iz * (g.yaw_rate * er + tr)
 
-    def _share(self, lift: Value, moment: list[Value]) -> list[Value]:
+    def _share(self, lift: Value, mx: Value, my: Value, mz: Value) -> list[Value]:
         """Return the thrusts; saturation costs yaw first, then height, last roll and pitch."""
-        m, low, high, clip = self.vehicle.motor, self.ops.minimum, self.ops.maximum, self.ops.clip
-        top, least = m.thrust * m.top**2, m.thrust * m.idle**2
-        most_yaw = self.gains.yaw_share * self.vehicle.mass * GRAVITY / len(self._mix)
-        mx, my, mz = moment
+        ops, (least, top) = self.ops, self._thrusts
+        clip, most_yaw = ops.clip, self._most_yaw
         thrusts = [
             up * lift + roll * mx + pitch * my + clip(yaw * mz, most_yaw)
             for up, roll, pitch, yaw in self._mix
         ]
-        over = thrusts[0]
-        for one in thrusts[1:]:
-            over = high(over, one)
-        over = high(over - top, 0.0)
-        return [low(high(one - over, least), top) for one in thrusts]
+        over = ops.maximum(ops.largest(thrusts) - top, 0.0)
+        if ops.any(over):
+            thrusts = [one - over for one in thrusts]
+        return ops.within(thrusts, least, top)
 
 
 def mixer(vehicle: SimVehicle, usable: NDArray[np.float64]) -> NDArray[np.float64]:

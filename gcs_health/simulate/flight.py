@@ -16,6 +16,7 @@ from gcs_health.simulate.speaker import HEARD, Speaker
 from gcs_health.simulate.telemetry import BOOTED, UNIX_BOOT_US
 from gcs_health.simulate.world import World
 
+FIRST_US = UNIX_BOOT_US + round(BOOTED * 1e6)  # UNIX µs of flight time 0
 SYSTEM = 1
 NEIGHBOUR = 7  # system id of the other vehicle on the port
 NEIGHBOUR_PHYSICS = 500.0  # Hz; nobody looks closely at it
@@ -71,8 +72,7 @@ class Flight:
 
     def arrived(self) -> list[tuple[int, bytes]]:
         """Return the frames that have reached the ground by now: (UNIX µs, frame)."""
-        first = UNIX_BOOT_US + round(BOOTED * 1e6)
-        return [(first + round(t * 1e6), frame) for t, frame in self._air.arrived(self.world.t)]
+        return [(FIRST_US + round(t * 1e6), frame) for t, frame in self._air.arrived(self.world.t)]
 
     def run(self) -> Iterator[tuple[int, bytes]]:
         """Fly to the end; yield (UNIX µs, frame) in order of arrival."""

@@ -51,7 +51,7 @@ class Air:
 
     def arrived(self, t: float) -> list[tuple[float, bytes]]:
         """Return what has come out by time t [s], with its times, in order."""
-        out = []
+        out: list[tuple[float, bytes]] = []
         while self._flying and self._flying[0][0] <= t:
             arrival, _, frame = heapq.heappop(self._flying)
             out.append((arrival, frame))

@@ -23,10 +23,11 @@ SLIP = 15.0  # 1/s, how fast the ground stops sliding
 
 @dataclass(slots=True)
 class RotorState:
-    """One rotor: its state, and what faults have made of it.
+    """One rotor: its place, its state, and what faults have made of it.
 
     Attributes
     ----------
+    x, y : its arm [m]. spin : 1 counter-clockwise. climb : c / r of the thrust lost in inflow [1/m].
     w, phase : speed [rad/s] and angle [rad].
     current : motor torque current [A].
     thrust, lift : kappa_T etaT and the force now [N].
@@ -37,6 +38,10 @@ class RotorState:
     imbalance : m_u r_u [kg m].
     """
 
+    x: float
+    y: float
+    spin: float
+    climb: float
     w: Value = 0.0
     phase: Value = 0.0
     acceleration: Value = 0.0
@@ -75,8 +80,17 @@ class Plant:
         self.rates = [zero, zero, zero]
         self.turning = [zero, zero, zero]
         self.specific_force = [zero, zero, zero - GRAVITY]
+        m = vehicle.motor
         self.rotors = [
-            RotorState(w=zero, phase=zero, inertia=zero + vehicle.motor.inertia) for _ in vehicle.rotors
+            RotorState(
+                *rotor.position[:2],
+                spin=float(rotor.spin),
+                climb=m.inflow / (rotor.radius or 0.1),
+                w=zero,
+                phase=zero,
+                inertia=zero + m.inertia,
+            )
+            for rotor in vehicle.rotors
         ]
         self.mass = zero + vehicle.mass
         self.inertia = [zero + value for value in vehicle.inertia]
@@ -85,23 +99,28 @@ class Plant:
         self.used = zero
         self.battery_current = zero
         self._arms = [rotor.position for rotor in vehicle.rotors]
-        self._spins = [float(rotor.spin) for rotor in vehicle.rotors]
-        self._inflow = [vehicle.motor.inflow / (rotor.radius or 0.1) for rotor in vehicle.rotors]
-        self._reach = max((x * x + y * y) ** 0.5 for x, y, _ in self._arms)
+        # the ground is out of reach above this height, whatever the attitude
+        self._low = -vehicle.leg - max((x * x + y * y) ** 0.5 for x, y, _ in self._arms)
+        self._air = 0.5 * AIR_DENSITY * vehicle.drag_area
+        # the speed loop: current that holds a goal, per square and per goal, and per speed lacking
+        square, hold = m.torque / m.torque_constant, m.inertia * m.bandwidth / m.torque_constant
+        self._loop = square, m.friction / m.torque_constant + hold, hold
 
     def step(self, dt: float, wanted: list[Value], wind: tuple[Value, Value, Value]) -> None:
         """Advance by `dt` [s] with the rotor speeds `wanted` [rad/s] in a `wind` of the world [m/s]."""
         r11, r12, r13, r21, r22, r23, r31, r32, r33 = self.rotation
         vx, vy, vz = self.velocity
-        ax, ay, az = vx - wind[0], vy - wind[1], vz - wind[2]
+        wx, wy, wz = wind
+        ax, ay, az = vx - wx, vy - wy, vz - wz
         u = r11 * ax + r21 * ay + r31 * az
         v = r12 * ax + r22 * ay + r32 * az
         w = r13 * ax + r23 * ay + r33 * az
         lift, roll, pitch, yaw, turn, in_plane = self._turn_rotors(dt, wanted, w)
         speed = self.ops.sqrt(u * u + v * v + w * w)
-        held = 0.5 * AIR_DENSITY * self.vehicle.drag_area * speed
-        fx, fy, fz = -(held + in_plane) * u, -(held + in_plane) * v, -lift - held * w
-        if self.ops.any(self.position[2] > -self.vehicle.leg - self._reach):
+        held = self._air * speed
+        across = -(held + in_plane)
+        fx, fy, fz = across * u, across * v, -lift - held * w
+        if self.ops.any(self.position[2] > self._low):
             gx, gy, gz, groll, gpitch = self._ground(self.rotation)
             fx, fy, fz, roll, pitch = fx + gx, fy + gy, fz + gz, roll + groll, pitch + gpitch
         share = 1.0 / self.mass
@@ -117,43 +136,31 @@ class Plant:
 
     def _turn_rotors(self, dt: float, wanted: list[Value], axial: Value) -> tuple[Value, ...]:
         """Advance the rotors; return lift, roll, pitch and yaw moment, angular momentum and in-plane drag."""
-        m = self.vehicle.motor
-        bounded, high = self.ops.bounded, self.ops.maximum
+        m, bounded, high = self.vehicle.motor, self.ops.bounded, self.ops.maximum
         # constants of the loop below, which runs for every rotor in every step
-        kq, torque, wear, limit, brake = (
-            m.torque_constant,
-            m.torque,
-            m.friction,
-            m.current_limit,
-            -m.brake_limit,
-        )
-        square, hold = torque / kq, m.inertia * m.bandwidth / kq
-        slope, admittance, back = wear / kq + hold, 1.0 / m.resistance, kq / m.resistance
-        most, half, rate = self.bus * admittance, 0.5 * dt, 1.0 / dt
+        kq, torque, wear, resistance = m.torque_constant, m.torque, m.friction, m.resistance
+        limit, brake, (square, slope, hold) = m.current_limit, -m.brake_limit, self._loop
+        most, back, half, rate = self.bus * (1.0 / resistance), kq / resistance, 0.5 * dt, 1.0 / dt
         thrust = m.thrust * self.thrust_scale
         lift = roll = pitch = yaw = turn = total = drawn = 0.0
-        for rotor, goal, (x, y, _), spin, climb in zip(
-            self.rotors, wanted, self._arms, self._spins, self._inflow, strict=True
-        ):
-            w, inertia, drag = rotor.w, rotor.inertia, torque * rotor.eta_q
+        for rotor, goal in zip(self.rotors, wanted, strict=True):
+            w, inertia, drag, spin = rotor.w, rotor.inertia, torque * rotor.eta_q, rotor.spin
             goal = goal * rotor.slowed
             # speed loop with the torque that holds the goal, less what volts and ESC can give
             asked = (square * goal + slope) * goal - hold * w
-            current = bounded(asked, most - back * w, limit, brake) * rotor.driven
-            push = kq * current
-            rise = (push - (drag * w + wear * rotor.friction) * w) / inertia * rotor.free
-            now = high(w + dt * rise, 0.0) * rotor.free
+            rotor.current = current = bounded(asked, most - back * w, limit, brake) * rotor.driven
+            rise = (kq * current - (drag * w + wear * rotor.friction) * w) / inertia
+            rotor.w = now = high(w + dt * rise, 0.0) * rotor.free
             rotor.acceleration = acceleration = (now - w) * rate
             rotor.phase = rotor.phase + half * (w + now)
-            rotor.w, rotor.current = now, current
-            rotor.lift = force = high(thrust * rotor.eta_t * now * (now + climb * axial), 0.0)
+            rotor.lift = force = high(thrust * rotor.eta_t * now * (now + rotor.climb * axial), 0.0)
             lift = lift + force
-            roll = roll - y * force
-            pitch = pitch + x * force
+            roll = roll - rotor.y * force
+            pitch = pitch + rotor.x * force
             yaw = yaw + spin * (inertia * acceleration + drag * now * now)
             turn = turn + spin * inertia * now
             total = total + now
-            drawn = drawn + current * (m.resistance * current + kq * now)
+            drawn = drawn + current * (resistance * current + kq * now)
         self._discharge(dt, drawn / self.bus)
         # turning counter-clockwise seen from above is about -z: the body's reaction about +z
         return lift, roll, pitch, yaw, -turn, m.drag * total

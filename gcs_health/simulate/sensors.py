@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from gcs_health.simulate.arithmetic import Arithmetic, Value
 from gcs_health.simulate.plant import Plant
 
+CENTRE = (0.0, 0.0, 0.0)
 BLOCK = 512  # random numbers drawn at once
 
 
@@ -83,8 +84,9 @@ class Noise:
             drawn += self._bias
             self._rows = [list(row) for row in drawn] if len(self._rngs) > 1 else drawn[:, :, 0].tolist()
             self._at = 0
+        row = self._rows[self._at]
         self._at += 1
-        return self._rows[self._at - 1]
+        return row
 
 
 class ImuSample(NamedTuple):
@@ -115,7 +117,7 @@ class Imu:
         self._poles = _two_poles(config.imu_filter, step) if ardupilot else None
         self._bias = _values(bias)
         self._history: list[tuple[Value, Value]] = [(b * 0.0, b * 0.0) for b in self._bias]
-        self._sums: list[Value] = [0.0] * 6
+        self._sums: list[Value] = []  # of this interval, from its `_count` samples
         self._count = 0
         self.gyro: list[Value] = self._bias[3:]
         self.latest = ImuSample(0.0, [b * 0.0 for b in self._bias])
@@ -127,33 +129,35 @@ class Imu:
         if self._poles is not None:
             self.latest = ImuSample(t, self._low_pass(raw))
             return True
-        self._sums = list(map(add, self._sums, raw))
+        self._sums = list(map(add, self._sums, raw)) if self._count else raw
         self._count += 1
         if self._count < self._block:
             return False
         share = 1.0 / self._count
         # the mean belongs to the middle of its interval; autopilots stamp its end
         self.latest = ImuSample(t, [share * value for value in self._sums])
-        self._sums, self._count = [0.0] * 6, 0
+        self._count = 0
         return True
 
     def _raw(self, plant: Plant) -> list[Value]:
         p, q, r = plant.rates
         ax, ay, az = plant.specific_force
-        if any(plant.vehicle.lever):
+        if plant.vehicle.lever != CENTRE:
             lx, ly, lz = self._levered(plant)
             ax, ay, az = ax + lx, ay + ly, az + lz
         cos, sin, clip3 = self._ops.cos, self._ops.sin, self._ops.clip3
-        share = 1.0 / plant.mass
-        beat = plant.vehicle.motor.blade_pass * share
-        for rotor, seat in zip(plant.rotors, plant.vehicle.rotors, strict=True):
+        ahead = aside = beat = 0.0  # forces of unbalance [N], and half of the blade passes' over their share
+        for rotor in plant.rotors:
             phase, w = rotor.phase, rotor.w
             c = cos(phase)
-            shake = rotor.imbalance * share * w * w
-            ax = ax + shake * c
+            shake = rotor.imbalance * w * w
+            ahead = ahead + shake * c
             # counter-clockwise from above is about -z: from x towards -y
-            ay = ay - seat.spin * shake * sin(phase)
-            az = az - beat * rotor.lift * (2.0 * c * c - 1.0)
+            aside = aside - rotor.spin * shake * sin(phase)
+            beat = beat + rotor.lift * (c * c - 0.5)
+        share = 1.0 / plant.mass
+        ax, ay = ax + share * ahead, ay + share * aside
+        az = az - 2.0 * plant.vehicle.motor.blade_pass * share * beat
         bx, by, bz, bp, bq, br = self._noise()
         most, fastest = self._ranges
         return clip3(ax + bx, ay + by, az + bz, most) + clip3(p + bp, q + bq, r + br, fastest)

@@ -7,11 +7,14 @@ ArduPilot: ESC_TELEMETRY_x without stamps, RAW_IMU in mG and mrad/s, FRAME_CLASS
 import math
 import struct
 from collections.abc import Callable
+from heapq import heapify, heappop, heappush
+from operator import itemgetter
 from typing import NamedTuple
 
 from gcs_health.mavlink.dialect import Dialect
 from gcs_health.mavlink.encoder import Encoder, clipped
 from gcs_health.simulate.esc_view import EscView
+from gcs_health.simulate.sensors import EscSample
 from gcs_health.simulate.stream_rates import RATES, UNASKED
 from gcs_health.simulate.world import World
 
@@ -20,6 +23,8 @@ UNIX_BOOT_US = 1_700_000_000_000_000
 ARMED, CUSTOM_MODE_ON = 128, 1
 UNUSED = 65535
 ESC_GROUPS = ("1_TO_4", "5_TO_8", "9_TO_12")
+_PLACE = itemgetter(1)
+_SILENT = EscSample(0.0, 0.0, 0.0, 0.0, 0.0)  # what is told of an ESC that is not heard
 
 
 class Parameter(NamedTuple):
@@ -47,7 +52,11 @@ class Telemetry:
             }
         self._usual = {name: 1.0 / rate if rate > 0.0 else math.inf for name, rate in rates.items()}
         self.interval = dict(self._usual)
-        self._next = {name: 0.1 + 1e-3 * k if rates[name] > 0.0 else math.inf for k, name in enumerate(rates)}
+        # (flight time [s], place among messages of one moment, name), a heap
+        self._queue = [
+            (0.1 + 1e-3 * k if rates[name] > 0.0 else math.inf, k, name) for k, name in enumerate(rates)
+        ]
+        heapify(self._queue)
         # the newest PX4 keeps an ESC's values for 0.1 s of silence; older drivers zero them at once
         self.escs = EscView(world, 0.1 if self.generation == 3 and not self.ardupilot else 0.0)
         self._build: dict[str, Callable[[float], list[bytes]]] = {
@@ -71,31 +80,36 @@ class Telemetry:
 
     def due(self) -> list[bytes]:
         """Return the frames whose time has come."""
-        t = self.world.t
+        t, queue = self.world.t, self._queue
+        ready = []
+        while queue and queue[0][0] <= t:
+            ready.append(heappop(queue))
         out: list[bytes] = []
-        for name, at in self._next.items():
-            if t >= at:
-                # a stream faster than the physics sends with every step, no more
-                self._next[name] = max(at + self.interval[name], t)
-                out += self._build[name](t)
+        if len(ready) > 1:
+            ready.sort(key=_PLACE)
+        for at, place, name in ready:
+            # a stream faster than the physics sends with every step, no more
+            heappush(queue, (max(at + self.interval[name], t), place, name))
+            out += self._build[name](t)
         return out
 
     def next_due(self) -> float:
         """Return the time of the next frame [s]."""
-        return min(self._next.values())
+        return self._queue[0][0]
 
     def set_interval(self, name: str, interval: float) -> bool:
         """Send a message every `interval` s (infinite = never, 0 = as usual); return whether there is such a one."""
-        if name not in self._next:
+        if name not in self.interval:
             return False
-        interval = interval or self._usual[name]
-        self.interval[name] = interval
-        self._next[name] = self.world.t + min(interval, 1e-3) if interval < math.inf else math.inf
+        self.interval[name] = interval = interval or self._usual[name]
+        at = self.world.t + min(interval, 1e-3) if interval < math.inf else math.inf
+        self._queue = [(at if of == name else due, place, of) for due, place, of in self._queue]
+        heapify(self._queue)
         return True
 
     def one(self, name: str) -> list[bytes]:
         """Return a message now; empty if there is no such one."""
-        build = self._build.get(name) if name in self._next else None
+        build = self._build.get(name) if name in self.interval else None
         return build(self.world.t) if build else []
 
     # -- messages -----------------------------------------------------------------------------------
@@ -197,23 +211,22 @@ class Telemetry:
         ]
 
     def _esc_status(self, t: float) -> list[bytes]:
-        out = []
-        count = self.escs.slots
-        for first in range(0, count, 4):
+        out, newest = [], self.generation == 3
+        for first in range(0, self.escs.slots, 4):
             taken = 0 if self.generation == 1 else first  # the first generation repeats ESC 0-3
             slots = [self.escs.slot(taken + k, t) for k in range(4)]
-            known = [slot.sample for slot in slots if slot.sample is not None]
-            if self.generation == 3 and not any(slot.alive for slot in slots):
+            if newest and not any([slot.alive for slot in slots]):
                 continue
             # the newest generation stamps the sending, the others the newest sample of the driver
-            at = t if self.generation == 3 or not known else max(sample.t for sample in known)
+            at = t if newest else max([slot.sample.t for slot in slots if slot.sample], default=t)
+            told = [slot.sample if slot.alive and slot.sample else _SILENT for slot in slots]
             out.append(
                 self.encoder.frame(
                     "ESC_STATUS",
                     time_usec=self.boot_us(at),
-                    rpm=[round(slot.sample.rpm) if slot.alive and slot.sample else 0 for slot in slots],
-                    voltage=[slot.sample.voltage if slot.alive and slot.sample else 0.0 for slot in slots],
-                    current=[slot.sample.current if slot.alive and slot.sample else 0.0 for slot in slots],
+                    rpm=[round(sample.rpm) for sample in told],
+                    voltage=[sample.voltage for sample in told],
+                    current=[sample.current for sample in told],
                     index=first,
                 )
             )
@@ -224,16 +237,14 @@ class Telemetry:
         for first in range(0, self.escs.slots, 4):
             slots = [self.escs.slot(first + k, t) for k in range(4)]
             online = sum(1 << k for k, slot in enumerate(slots) if slot.alive)
-            heat = [
-                round(slot.sample.temperature * 100.0) if slot.alive and slot.sample else 0 for slot in slots
-            ]
+            told = [slot.sample if slot.alive and slot.sample else _SILENT for slot in slots]
             out.append(
                 self.encoder.frame(
                     "ESC_INFO",
                     time_usec=self.boot_us(t),
                     counter=int(t * 100.0) & 0xFFFF,
                     failure_flags=[slot.flags for slot in slots],
-                    temperature=heat,
+                    temperature=[round(sample.temperature * 100.0) for sample in told],
                     index=first,
                     count=self.escs.slots,
                     connection_type=5,

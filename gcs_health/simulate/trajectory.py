@@ -8,6 +8,7 @@ import numpy as np
 from gcs_health.simulate.arithmetic import Value
 
 KINDS = ("hover", "random", "circle", "aggressive", "forward")
+PATHS = ("circle", "forward")  # whose goal moves; the others' holds for a while
 ARM, CLIMB, CLIMB_RATE, SINK_RATE = 0.5, 2.0, 1.5, 0.8  # s, s, m/s, m/s
 PATH_ACCELERATION = 3.0  # m/s², gathering and losing speed along circle and straight
 
@@ -24,8 +25,8 @@ class Goal:
     vz: Value = 0.0
     speed: float = 2.0
     tilt: float = 0.6
-    idle: Value = False
-    off: Value = False
+    idle: bool = False
+    off: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,8 @@ class Pilot:
         reach = {"random": (3.0, 3.0, 1.5), "aggressive": (8.0, 8.0, 4.0)}.get(plan.kind, (0.0, 0.0, 0.0))
         points = np.stack([rng.uniform(-1.0, 1.0, (count, 3)) for rng in rngs], axis=2)
         points *= np.array(reach)[:, None]
+        self._flying_from, self._landing_from = plan.flying_from, plan.landing_from
+        self._leg, self._held = -1, Goal(0.0, 0.0, 0.0)  # the goal that holds until the next, and its number
         # floats for one flight: numpy scalars would slow every formula after
         self._points = points if len(rngs) > 1 else points[:, :, 0].tolist()
 
@@ -72,19 +75,26 @@ class Pilot:
         p = self.plan
         if t < CLIMB:
             return Goal(0.0, 0.0, 0.0, idle=True, off=t < ARM)
-        if t < p.flying_from:
+        if t < self._flying_from:
             climbed = CLIMB_RATE * (t - CLIMB)
             return Goal(0.0, 0.0, -climbed, vz=-CLIMB_RATE)
-        x, y, z, vx, vy = self._along(min(t, p.landing_from))
-        if t < p.landing_from:
-            wild = p.kind == "aggressive"
-            fast = 8.0 if wild else max(2.0, p.speed)
-            return Goal(x, y, z - p.height, vx, vy, speed=fast, tilt=1.2 if wild else 0.6)
-        sunk = SINK_RATE * (t - p.landing_from)
+        if t < self._landing_from:
+            leg = int((t - self._flying_from) / p.every)
+            if leg != self._leg or p.kind in PATHS:
+                self._leg, self._held = leg, self._cruise(t)
+            return self._held
+        x, y, *_ = self._along(self._landing_from)
+        sunk = SINK_RATE * (t - self._landing_from)
         # below the ground: the legs find it, and the loops then ask for less than hover
         down = min(sunk - p.height, 0.5)
         over = sunk > p.height + 1.0
         return Goal(x, y, down, vz=SINK_RATE, idle=over, off=sunk > p.height + 1.6)
+
+    def _cruise(self, t: float) -> Goal:
+        p, wild = self.plan, self.plan.kind == "aggressive"
+        x, y, z, vx, vy = self._along(t)
+        fast = 8.0 if wild else max(2.0, p.speed)
+        return Goal(x, y, z - p.height, vx, vy, speed=fast, tilt=1.2 if wild else 0.6)
 
     def _travelled(self, since: float) -> tuple[float, float]:
         """Return path [m] and speed [m/s]: it stands at both ends, as pilots and autopilots fly.

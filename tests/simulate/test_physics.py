@@ -128,8 +128,8 @@ def test_spinning_rotors_turn_the_body_as_a_gyroscope() -> None:
     """All rotors one way: a pitch rate makes a roll moment q H, H = -s J w about z."""
     vehicle = in_vacuum("bebop2")
     plant = flying(vehicle)
-    plant.vehicle = replace(vehicle, rotors=tuple(replace(r, spin=1) for r in vehicle.rotors))
-    plant._spins = [1.0] * 4
+    for rotor in plant.rotors:
+        rotor.spin = 1.0
     plant.rates = [0.0, 1.0, 0.0]
     plant.step(0.001, [vehicle.hover] * 4, CALM)
     momentum = -4 * vehicle.motor.inertia * vehicle.hover
