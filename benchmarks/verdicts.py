@@ -4,10 +4,11 @@
 
 Every flight moves at random in 4 m/s of wind, is received through the whole monitor, and breaks once at a time and
 rotor drawn. It is flown once at the highest rates and its messages thinned out to the others. A flight's answer is
-the code that its first alert on the broken rotor has escalated to within 6 s; "open" = ROTOR_FAILED, the kind not
-told. Delays are from the fault to the first alert, beside those of the fastest single estimator that names the rotor.
-Healthy flights, and all others before their fault, count for false alarms. Reliability: what is believed of every
-kind and rotor 1 s before and 3 s after the fault, against the truth. Intervals: 95 %, Wilson.
+the code that its first alert on the broken rotor has escalated to within 6 s, or within `SLOWLY` where the fault
+makes nothing fall; "open" = ROTOR_FAILED, the kind not told. Delays are from the fault to the first alert, beside
+those of the fastest single estimator that names the rotor. Healthy flights, and all others before their fault, count
+for false alarms. Reliability: what is believed of every kind and rotor 1 s before and 3 s after the fault, against
+the truth. Intervals: 95 %, Wilson.
 
 Seeds 7000 to 7999 were looked at while the fusion was tuned; report with others.
 """
@@ -55,6 +56,7 @@ FAULTS: dict[str, tuple[str, float, Kind]] = {
     "ESC hot": ("esc_heat", 100.0, Kind.ESC_OVERHEATING),
     "ESC reports": ("esc_flags", 1.0, Kind.ESC_FAULT_REPORTED),
 }
+SLOWLY = {"unbalance 60 g mm": 45.0, "bearing": 20.0, "ESCs exchanged": 20.0}  # s in which it must be told
 EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 MESSAGES = {"HIGHRES_IMU": 0, "ESC_STATUS": 1}
 
@@ -95,7 +97,7 @@ def flown(vehicle: str, fault: str, seed: int) -> tuple[list[tuple[int, bytes]],
         f"vehicle={vehicle}",
         f"seed={seed}",
         "trajectory.kind=random",
-        f"trajectory.duration={DURATION}",
+        f"trajectory.duration={DURATION + max(SLOWLY.get(fault, WITHIN) - WITHIN, 0.0)}",
     ]
     changes += ["trajectory.height=5", "trajectory.lands=false", "wind.speed=4"]
     changes += [f"telemetry.rates.{name}={FASTEST:g}" for name in MESSAGES]
@@ -127,7 +129,7 @@ def thinned(frames: list[tuple[int, bytes]], rates: str) -> bytes:
     return b"".join(out)
 
 
-def seen(log: bytes, kind: Kind, at: float, rotor: int) -> Seen:
+def seen(log: bytes, kind: Kind, at: float, rotor: int, within: float) -> Seen:
     """Run one flight through the monitor."""
     out = Seen()
     at += BOOTED
@@ -146,7 +148,7 @@ def seen(log: bytes, kind: Kind, at: float, rotor: int) -> Seen:
     monitor = Monitor(MonitorConfig(stamped=True, verdict_tap=tap))
     events = monitor.feed(log) + monitor.finish()
     steps = [e for e in events if isinstance(e, AlertEvent) and e.state in ("raised", "escalated")]
-    _sort(out, steps, kind, at, rotor)
+    _sort(out, steps, kind, at, rotor, within)
     named = [t - at for t, which in _Listener.named if which == rotor and t >= at]
     out.single = min(named, default=math.nan)
     out.hours = (flying[-1] - flying[0]) / 3600.0 if flying else 0.0
@@ -159,7 +161,7 @@ def seen(log: bytes, kind: Kind, at: float, rotor: int) -> Seen:
     return out
 
 
-def _sort(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int) -> None:
+def _sort(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int, within: float) -> None:
     """Tell alerts before the fault, on its rotor and on others apart."""
     mine: dict[str, str] = {}
     others: dict[str, str] = {}
@@ -167,7 +169,7 @@ def _sort(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int)
         swapped = kind is Kind.ESC_MISATTRIBUTED and alert.code == "ESC_MISATTRIBUTED"
         if alert.t < at:
             out.false += (alert.code,)
-        elif alert.t > at + WITHIN:
+        elif alert.t > at + within:
             continue
         elif alert.rotor == rotor or swapped:
             if not mine:
@@ -188,7 +190,8 @@ def one(task: tuple[str, str, int, list[str]]) -> list[tuple[str, str, str, Seen
     frames, at, rotor = flown(vehicle, fault, seed)
     kind = FAULTS[fault][2] if fault in FAULTS else Kind.HEALTHY
     until = at if fault in FAULTS else DURATION
-    return [(vehicle, fault, rate, seen(thinned(frames, rate), kind, until, rotor)) for rate in rates]
+    within = SLOWLY.get(fault, WITHIN)
+    return [(vehicle, fault, rate, seen(thinned(frames, rate), kind, until, rotor, within)) for rate in rates]
 
 
 def share(k: int, n: int) -> str:
