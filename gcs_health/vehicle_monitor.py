@@ -227,7 +227,8 @@ class VehicleMonitor:
             self._tell_flight(t)
 
     def _on_imu(self, t: float, sample: Imu) -> None:
-        self._is_autopilot(sample)
+        if not self.is_vehicle:
+            self._is_autopilot(sample)
         reading = self.imu.feed(t, sample)
         if reading is not None:
             if self.imu.news:
@@ -235,7 +236,8 @@ class VehicleMonitor:
             self._read(reading)
 
     def _on_rotors(self, t: float, sample: EscStatus | EscTelemetry | EscInfo | Outputs) -> None:
-        self._is_autopilot(sample)
+        if not self.is_vehicle:
+            self._is_autopilot(sample)
         reading = self.rotors.feed(t, sample)
         if reading is not None:
             self._read(reading)
@@ -281,7 +283,7 @@ class VehicleMonitor:
 
     def _is_autopilot(self, sample: Sample) -> None:
         """Telemetry of component 1 is an autopilot's even before its HEARTBEAT is heard."""
-        if not self.is_vehicle and sample.component == 1:
+        if sample.component == 1:
             self._now_a_vehicle()
 
     # -- time ---------------------------------------------------------------------------------------
@@ -316,7 +318,8 @@ class VehicleMonitor:
                     self._alerts(told)
 
     def _surely_flies(self) -> bool:
-        return self.phase.surely_flies(self.bank is not None and self.bank.gate.open)
+        bank = self.bank
+        return self.phase.surely_flies(bank is not None and bank.gate.open)
 
     def _tell_flight(self, t: float) -> None:
         reading = self.phase.reading(t)

@@ -38,7 +38,12 @@ LASTS = 3.0  # s
 
 
 class Attribution:
-    """Fed readings; `evidence` says of each rotor whether its telemetry is its own. Cheap between two blocks."""
+    """Fed readings; says of each rotor whether its telemetry is its own. Cheap between two blocks.
+
+    Attributes
+    ----------
+    latest : the last IMU reading; its body rates are looked at with the next block.
+    """
 
     def __init__(self, airframe: Airframe) -> None:
         self._n = len(airframe.rotors)
@@ -60,13 +65,9 @@ class Attribution:
         self._command: list[float] | None = None
         self._commanded = 0  # blocks with commands
         self._squares, self._counts = [0.0] * self._n, [0] * self._n
-        self._imu: ImuReading | None = None
+        self.latest: ImuReading | None = None
         self._begin: ImuReading | None = None
         self._index = -1
-
-    def imu(self, reading: ImuReading) -> None:
-        """Take body rates: only the latest counts."""
-        self._imu = reading
 
     def command(self, reading: CommandReading) -> None:
         """Take commands."""
@@ -94,7 +95,7 @@ class Attribution:
         squares = [s / c if c else math.nan for s, c in zip(self._squares, self._counts, strict=True)]
         self._squares, self._counts = [0.0] * self._n, [0] * self._n
         steps, self._index = index - self._index, index
-        begin, imu = self._begin, self._imu
+        begin, imu = self._begin, self.latest
         self._begin = imu
         if not flies or steps * BLOCK > GAP:
             if self._blocks:
