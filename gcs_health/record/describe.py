@@ -29,7 +29,7 @@ def estimate_event(estimate: Estimate, airframe: Airframe, t_unix_us: int, vehic
         estimate.std,
         estimate.failure_probability,
         estimate.status.value,
-        tuple(reason.value for reason in estimate.reasons),
+        tuple([reason.value for reason in estimate.reasons]),
         estimate.detectable,
         balance_quality(estimate),
     )
