@@ -34,7 +34,7 @@ from gcs_health.estimators.short_order import may_be_order
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import Closed, FlightGate
-from gcs_health.samples import CommandReading, ImuReading, RotorReading
+from gcs_health.samples import CommandReading, ImuReading, RotorReading, new_tuple
 
 
 class RecommendedBank:
@@ -99,7 +99,7 @@ class RecommendedBank:
     @property
     def tick_length(self) -> float:
         """Usual time between ticks [s]."""
-        return self.blocks.step * self.blocks.per_block
+        return self.blocks.tick_length
 
     def imu(self, reading: ImuReading) -> bool:
         """Take one message; return whether a verdict fell."""
@@ -128,7 +128,7 @@ class RecommendedBank:
     def rate_too_low(self) -> bool:
         """Whether a loss cannot be seen in time at these message rates."""
         c = self.config
-        return self.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
+        return self.blocks.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
 
     def new_flight(self) -> None:
         """Begin a new flight: a failure named in the one before no longer holds."""
@@ -146,17 +146,18 @@ class RecommendedBank:
         track = self.track
         shift = self.shift.shift
         speeds = self._speeds_at(t - shift)
-        if not self.gains.thrust_given and self.failed is None:
-            self.gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
+        gains = self.gains
+        if not gains.thrust_given and self.failed is None:
+            gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
         blocked = None
-        if not self.gains.known:
+        if not gains.known:
             blocked = Closed.EFFECTIVENESS_UNKNOWN
         elif self.rate_too_low():
             blocked = Closed.RATE_TOO_LOW
         gate = self.gate
         was_open = gate.open
         age = t - track.covered
-        is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
+        is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, gains.thrust, blocked)
         self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
         inflation = self.motion.inflation(tick, dt)
         if not is_open or not was_open:
@@ -166,7 +167,7 @@ class RecommendedBank:
         self._held_speeds.append(speeds)
         if t <= track.covered + shift:
             return self._evaluate()
-        if track.interval <= min(self.tick_length, self.config.wait) and age < 1.5 * track.interval:
+        if track.interval <= min(self.blocks.tick_length, self.config.wait) and age < 1.5 * track.interval:
             return False  # the next rotor speeds bracket this tick within less than a tick
         return self._provisional(len(self._pending) - 1)
 
@@ -228,10 +229,11 @@ class RecommendedBank:
         assert before is not None
         now = self._push = push(self._speeds_at(t - self.shift.shift), gains)
         e = residual(step, before, now, gains.has_yaw)
-        variances = noise.variances(0)
-        speeds = (before.speeds, now.speeds)
+        error = noise.offset, noise.variances(0), step.inflation
         bend = self._bend(step.dt)
-        tick = Evidence(e, noise.offset, variances, step.inflation, *speeds, gains.matrix, gains.doubt, bend)
+        tick = new_tuple(
+            Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, bend)
+        )
         look = self._suspects(t) or not calm(tick, self._calm_limit)
         self.bank.add_final(tick, -e[3])
         fell = self._judge(t, True, look)
@@ -290,16 +292,11 @@ class RecommendedBank:
         before = self._push_at(position - 1)
         now = self._push_at(position)
         late = step.t - self.track.covered - self.shift.shift
-        return Evidence(
-            residual(step, before, now, self.gains.has_yaw),
-            self.noise.offset,
-            self.noise.variances(position + 1),
-            step.inflation * self.noise.growth(late if late > 0.0 else 0.0),
-            before.speeds,
-            now.speeds,
-            self.gains.matrix,
-            self.gains.doubt,
-        )
+        gains, noise = self.gains, self.noise
+        e = residual(step, before, now, gains.has_yaw)
+        inflation = step.inflation * noise.growth(late if late > 0.0 else 0.0)
+        error = noise.offset, noise.variances(position + 1), inflation
+        return new_tuple(Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, 0.0))
 
     def _push_at(self, position: int) -> Push:
         """Return what the rotors do at a pending tick; mostly the same as at the one before."""

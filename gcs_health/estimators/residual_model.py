@@ -125,22 +125,25 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
-    es, offsets, variances, inflations, w0s, w1s, matrices, doubts, bends = zip(*ticks, strict=True)
-    n = len(w0s[0])
-    e, w0, w1 = rows(es, 4), rows(w0s, n), rows(w1s, n)
+    n = len(ticks[0].w0)
+    given = [(*e, *b, *v, *s, up, bend, *w0, *w1) for e, b, v, up, w0, w1, _, s, bend in ticks]
+    table = rows(given, 16 + 2 * n)
+    e, offset, variances, doubt = table[:, :4], table[:, 4:8], table[:, 8:12], table[:, 12:14]
+    inflation, bend, w0, w1 = table[:, 14:15], table[:, 15:16], table[:, 16 : 16 + n], table[:, 16 + n :]
     # gains change seldom: mostly all ticks have the same
-    first = matrices[0]
-    matrix = np.array(matrices) if any([one is not first for one in matrices]) else first[None]
+    first = ticks[0].matrix
+    same = all([tick.matrix is first for tick in ticks])
+    matrix = first[None] if same else np.array([tick.matrix for tick in ticks])
     u0, u1 = w0 * w0, w1 * w1
     mean = 0.5 * (u0 + u1)
     h = matrix * mean[:, None, :]
     h[:, 3] = matrix[:, 3] * u1
     h2 = h * h
-    share = np.abs(u1 - u0) / (mean + 1.0) * (error[1] + np.array(bends))[:, None] + error[0]
+    share = np.abs(u1 - u0) / (mean + 1.0) * (error[1] + bend) + error[0]
     model = np.add.reduce(h2 * (share * share)[:, None, :], axis=2)
-    model[:, :2] += (rows(doubts, 2) * np.add.reduce(h[:, :2], axis=2)) ** 2
-    weight = 1.0 / (rows(variances, 4) * np.array(inflations)[:, None] + model)
-    r = e - rows(offsets, 4)
+    model[:, :2] += (doubt * np.add.reduce(h[:, :2], axis=2)) ** 2
+    weight = 1.0 / (variances * inflation + model)
+    r = e - offset
     weighted = r * weight
     out = np.empty((len(ticks), 2 * n + 1))
     out[:, :n] = -np.add.reduce(weighted[:, :, None] * h, axis=1)
