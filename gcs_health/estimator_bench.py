@@ -88,10 +88,14 @@ class EstimatorBench:
         for estimate in estimates:
             key = (estimate.estimator, estimate.quantity, estimate.rotor)
             worst = self.worst.get(key)
-            # most are far from the worst: a comparison spares them the rest
-            if worst is not None and estimate.failure_probability < worst.failure_probability:
+            if worst is None:
+                self.worst[key] = estimate
                 continue
-            if worst is None or _badness(estimate) > _badness(worst):
+            # most are far from the worst, or the same again: a comparison spares them the rest
+            p, most = estimate.failure_probability, worst.failure_probability
+            if p < most or (p == most and estimate.status is worst.status):
+                continue
+            if _badness(estimate) > _badness(worst):
                 self.worst[key] = estimate
 
 

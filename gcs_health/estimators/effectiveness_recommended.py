@@ -231,12 +231,15 @@ class RecommendedBank:
         e = residual(step, before, now, gains.has_yaw)
         error = noise.offset, noise.variances(0), step.inflation
         bend = self._bend(step.dt)
-        tick = new_tuple(
-            Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, bend)
-        )
-        look = self._suspects(t) or not calm(tick, self._calm_limit)
+        tick = new_tuple(Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, bend))
+        suspected = t <= self._freeze.until or self._row[1] > 0  # then every tick counts
         self.bank.add_final(tick, -e[3])
-        fell = self._judge(t, True, look)
+        fell = False
+        if suspected or self.failed is not None or not calm(tick, self._calm_limit):
+            fell = self._judge(t, True)
+        else:
+            self._freeze.quiet(t)
+            self._row = (-1, 0)
         self._final_row = self._row
         if self.failed is None:
             self._next.add(step, tick, t > self._freeze.until)
@@ -264,10 +267,6 @@ class RecommendedBank:
         bend = c.bend_commanded if self.commanded.trusted else c.bend
         return bend * interval * interval / (8.0 * c.rotor_time * dt)
 
-    def _suspects(self, t: float) -> bool:
-        """Whether a hypothesis is, or just was, half way: every tick counts then, calm or not."""
-        return t <= self._freeze.until or self._row[1] > 0
-
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
         tick = self._held(position)
@@ -289,8 +288,10 @@ class RecommendedBank:
     def _held(self, position: int) -> Evidence:
         """Return a pending tick with the last rotor speeds held: the older they are, the worse."""
         step = self._pending[position]
-        before = self._push_at(position - 1)
-        now = self._push_at(position)
+        speeds = self._held_speeds
+        same = position > 0 and speeds[position - 1] is speeds[position]
+        before = self._push_at(position - (not same))
+        now = before if same else self._push_at(position)
         late = step.t - self.track.covered - self.shift.shift
         gains, noise = self.gains, self.noise
         e = residual(step, before, now, gains.has_yaw)
@@ -309,15 +310,13 @@ class RecommendedBank:
             held = self._held_push = push(speeds, self.gains)
         return held
 
-    def _judge(self, t: float, final: bool, look: bool = True) -> bool:
-        """Judge the bank as it stands, if it is worth a `look`; return whether a verdict fell."""
+    def _judge(self, t: float, final: bool) -> bool:
+        """Judge the bank as it stands; return whether a verdict fell."""
         if self.failed is not None:
             self._refine(t)
             return False
         c = self.config
-        verdict = NOTHING
-        if look:
-            verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze.half_way(t)
             self.standing = self.bank.standing(self.tick_length)

@@ -105,7 +105,8 @@ class FaultBank:
         if len(waiting) > self.config.max_ticks:
             del waiting[0]
         self._waiting_final = len(waiting)
-        self.final_ticks = min(self.final_ticks + 1, self.config.max_ticks)
+        if self.final_ticks < self.config.max_ticks:
+            self.final_ticks += 1
         self._remember(excess)
 
     def drop_provisional(self) -> None:

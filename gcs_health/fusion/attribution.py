@@ -14,6 +14,7 @@ in the wrong order. Without commands it is the order where it was so from take-o
 """
 
 import math
+from operator import add, mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,7 @@ class Attribution:
         self._command: list[float] | None = None
         self._commanded = 0  # blocks with commands
         self._squares, self._counts = [0.0] * self._n, [0] * self._n
+        self._whole = 0  # readings that counted for every rotor
         self.latest: ImuReading | None = None
         self._begin: ImuReading | None = None
         self._index = -1
@@ -85,15 +87,22 @@ class Attribution:
         return said
 
     def _add(self, reading: RotorReading) -> None:
-        for k, speed in enumerate(reading.speed):
+        speeds = reading.speed
+        total = sum(speeds)
+        if total == total:  # all are known
+            self._squares = list(map(add, self._squares, map(mul, speeds, speeds)))
+            self._whole += 1
+            return
+        for k, speed in enumerate(speeds):
             if speed == speed:
                 self._squares[k] += speed * speed
                 self._counts[k] += 1
 
     def _turn_over(self, index: int, flies: bool) -> list[Evidence]:
         """Close the block, unless something breaks it."""
-        squares = [s / c if c else math.nan for s, c in zip(self._squares, self._counts, strict=True)]
-        self._squares, self._counts = [0.0] * self._n, [0] * self._n
+        counts = [self._whole + count for count in self._counts]
+        squares = [s / c if c else math.nan for s, c in zip(self._squares, counts, strict=True)]
+        self._squares, self._counts, self._whole = [0.0] * self._n, [0] * self._n, 0
         steps, self._index = index - self._index, index
         begin, imu = self._begin, self.latest
         self._begin = imu

@@ -13,7 +13,7 @@ from gcs_health.estimators.contract import Estimate, Reason, Status
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
 from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, Odds
 from gcs_health.rotor_telemetry import RotorState
-from gcs_health.samples import EscInfo
+from gcs_health.samples import EscInfo, new_tuple
 
 SURE, LIKELY, AGAINST = BOUND, 6.0, -6.0  # nats
 HOLDS, HOLDS_SLOW = 1.0, 5.0  # s that an estimate holds without being repeated
@@ -206,7 +206,8 @@ def _evidence(
     estimate: Estimate, odds: Odds, sees_thrust: bool = True, source: str = "", lasts: float = HOLDS
 ) -> Evidence:
     source = source or estimate.estimator
-    return Evidence(estimate.t, estimate.rotor, source, odds, sees_thrust, lasts, estimate.evidence)
+    head = estimate.t, estimate.rotor, source
+    return new_tuple(Evidence, (*head, odds, sees_thrust, lasts, estimate.evidence))
 
 
 def _normal(x: float, mean: float, std: float) -> float:

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
+from gcs_health.samples import new_tuple
 
 NAN = float("nan")
 NOBODY = -1  # in place of a rotor: one of them, which one cannot be told
@@ -160,7 +161,8 @@ class RotorBelief:
         weights, total, kind = self._weights, self._total, self._likeliest
         if kind is not self._kind or self._since != self._since:
             self._kind, self._since = kind, t
-        return Verdict(t, self.rotor, kind, weights[kind] / total, weights, total, known, self._since, live)
+        head = t, self.rotor, kind, weights[kind] / total
+        return new_tuple(Verdict, (*head, weights, total, known, self._since, live))
 
     def _weigh(self, said: list[Odds]) -> None:
         weights = _PRIOR.copy()
