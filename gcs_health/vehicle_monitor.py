@@ -44,6 +44,7 @@ from gcs_health.samples import (
     VibrationReading,
 )
 
+AUTOPILOT = 1  # component whose telemetry is a vehicle's even before its HEARTBEAT is heard
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 
 
@@ -227,8 +228,8 @@ class VehicleMonitor:
             self._tell_flight(t)
 
     def _on_imu(self, t: float, sample: Imu) -> None:
-        if not self.is_vehicle:
-            self._is_autopilot(sample)
+        if not self.is_vehicle and sample.component == AUTOPILOT:
+            self._now_a_vehicle()
         reading = self.imu.feed(t, sample)
         if reading is not None:
             if self.imu.news:
@@ -236,8 +237,8 @@ class VehicleMonitor:
             self._read(reading)
 
     def _on_rotors(self, t: float, sample: EscStatus | EscTelemetry | EscInfo | Outputs) -> None:
-        if not self.is_vehicle:
-            self._is_autopilot(sample)
+        if not self.is_vehicle and sample.component == AUTOPILOT:
+            self._now_a_vehicle()
         reading = self.rotors.feed(t, sample)
         if reading is not None:
             self._read(reading)
@@ -280,11 +281,6 @@ class VehicleMonitor:
         airframe = self.geometry.from_parameters()
         if airframe is not None:
             self._adopt(airframe)
-
-    def _is_autopilot(self, sample: Sample) -> None:
-        """Telemetry of component 1 is an autopilot's even before its HEARTBEAT is heard."""
-        if sample.component == 1:
-            self._now_a_vehicle()
 
     # -- time ---------------------------------------------------------------------------------------
 
