@@ -4,7 +4,10 @@ A vehicle of more than four rotors sends its ESCs in batches, one right behind t
 are what they were when measured, one moment of all rotors, and the estimators work half as often.
 """
 
+from operator import add
 from typing import NamedTuple
+
+from gcs_health.samples import new_tuple
 
 
 class Known(NamedTuple):
@@ -22,14 +25,10 @@ class Known(NamedTuple):
 
     def and_these(self, more: "Known") -> "Known":
         """Return both."""
-        return Known(
-            self.escs + more.escs,
-            self.speed + more.speed,
-            self.current + more.current,
-            self.voltage + more.voltage,
-        )
+        return new_tuple(Known, map(add, self, more))
 
 
+NONE_KNOWN = Known()
 MOMENT = 0.002  # s; batches of one moment may carry stamps so far apart (the newest PX4 stamps the sending)
 MISSED = 3  # times in a row that the rest did not follow: it is no longer waited for
 
@@ -44,7 +43,7 @@ class BatchJoin:
     def __init__(self) -> None:
         self._last = 0  # first ESC of the last batch that is waited for
         self._missed = 0
-        self._held = Known()
+        self._held = NONE_KNOWN
         self._t = 0.0
         self._reached = 0
 
@@ -57,7 +56,7 @@ class BatchJoin:
             t, known = self._t, self._held.and_these(known)
         if first >= self._last:
             if joins:
-                self._held, self._missed = Known(), 0
+                self._held, self._missed = NONE_KNOWN, 0
             return t, known
         overdue, since = self._held, self._t
         self._held, self._t, self._reached = known, t, first
@@ -66,5 +65,5 @@ class BatchJoin:
         self._missed += 1
         if self._missed < MISSED:
             return since, overdue
-        self._last, self._held = first, Known()
+        self._last, self._held = first, NONE_KNOWN
         return t, known

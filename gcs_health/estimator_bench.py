@@ -26,6 +26,7 @@ class EstimatorBench:
     ----------
     refused : why an estimator cannot work on this airframe, by its name.
     worst : the estimate nearest to a failure that was seen.
+    effectiveness : the effectiveness estimator, if it is among them.
 
     Raises
     ------
@@ -49,6 +50,8 @@ class EstimatorBench:
                 self.refused[name] = str(error)
         if not self._all and self.refused:
             raise AirframeError(next(iter(self.refused.values())))
+        found = (each for each in self._all if isinstance(each, EffectivenessEstimator))
+        self.effectiveness: EffectivenessEstimator | None = next(found, None)
         self._feeds: dict[type, list[Callable[[Reading], Iterable[Estimate]]]] = {}  # of those who take it
 
     def feed(self, reading: Reading) -> list[Estimate]:
@@ -81,18 +84,18 @@ class EstimatorBench:
         for estimator in self._all:
             estimator.reset()
 
-    @property
-    def effectiveness(self) -> EffectivenessEstimator | None:
-        """The effectiveness estimator, if it is among them."""
-        return next((each for each in self._all if isinstance(each, EffectivenessEstimator)), None)
-
     def _note(self, estimates: Iterable[Estimate]) -> None:
         for estimate in estimates:
             key = (estimate.estimator, estimate.quantity, estimate.rotor)
             worst = self.worst.get(key)
-            # most are far from the worst: a comparison spares them the rest
-            better = worst is not None and estimate.failure_probability < worst.failure_probability
-            if not better and (worst is None or _badness(estimate) > _badness(worst)):
+            if worst is None:
+                self.worst[key] = estimate
+                continue
+            # most are far from the worst, or the same again: a comparison spares them the rest
+            p, most = estimate.failure_probability, worst.failure_probability
+            if p < most or (p == most and estimate.status is worst.status):
+                continue
+            if _badness(estimate) > _badness(worst):
                 self.worst[key] = estimate
 
 

@@ -121,18 +121,23 @@ class FlightGate:
         reason = blocked or low
         if reason is None and dt > c.imu_step:
             reason = Closed.IMU_STALE
-        if reason is None and rotor_age - dt > self.rotor_age_limit(rotor_interval):
+        late = rotor_age - dt
+        if reason is None and late > c.rotor_age and late > self.rotor_age_limit(rotor_interval):
             reason = Closed.ROTOR_SPEED_STALE
         if reason is None:
             reason = self._pushed(t, recent)
-        self._turn(t, reason)
+        if reason is not None:
+            self.close(reason)
+        else:
+            self._go_on(t)
         self._watch_contact(t, dt, excess, speeds_low)
-        self.verdicts = self.open and self.since_open >= c.verdict_after and self._free_of_contact(t)
-        if self.open and not self.verdicts:
-            self.reason = Closed.SETTLING if self.since_open < c.verdict_after else Closed.CONTACT
-        elif self.open:
-            self.reason = None
-        return self.open
+        if not self.open:
+            self.verdicts = False
+            return False
+        settled, free = self.since_open >= c.verdict_after, t - self._contact_at >= c.contact_hold
+        self.verdicts = settled and free
+        self.reason = None if self.verdicts else Closed.CONTACT if settled else Closed.SETTLING
+        return True
 
     def close(self, reason: Closed) -> None:
         """Close it at once; it opens again as usual."""
@@ -192,10 +197,8 @@ class FlightGate:
             return None
         return Closed.CONTACT if total > c.excess_sigmas * self.excess_sigma * count else None
 
-    def _turn(self, t: float, reason: Closed | None) -> None:
-        if reason is not None:
-            self.close(reason)
-            return
+    def _go_on(self, t: float) -> None:
+        """Open, or stay open: nothing speaks against it."""
         if not self._clear_since <= t:  # NaN: just became clear
             self._clear_since = t
         if not self.open and t - self._clear_since >= self.config.open_after:
@@ -219,6 +222,3 @@ class FlightGate:
         gain = dt / memory if memory > 10.0 * dt else 0.1
         sigma = math.sqrt(variance + gain * (square - variance))
         self.excess_sigma = sigma if sigma > c.excess_floor else c.excess_floor
-
-    def _free_of_contact(self, t: float) -> bool:
-        return t - self._contact_at >= self.config.contact_hold

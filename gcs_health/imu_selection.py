@@ -7,7 +7,7 @@ ArduPilot three messages of three. Mixed, they would be a signal that no sensor 
 import math
 from collections.abc import Callable
 
-from gcs_health.samples import Imu, ImuFilterReading, ImuReading
+from gcs_health.samples import Imu, ImuFilterReading, ImuReading, new_tuple
 
 HIGHRES_IMU, SCALED_IMU, RAW_IMU, SCALED_IMU2, SCALED_IMU3 = 105, 26, 27, 116, 129
 NAME = {
@@ -115,7 +115,7 @@ class ImuSelection:
                 self._first = min(self._first, t)
         if stream is not self._chosen and not self._take(t, stream, message):
             return None
-        return ImuReading(t, ax, ay, az, p, q, r)
+        return new_tuple(ImuReading, (t, ax, ay, az, p, q, r))
 
     def rate(self) -> float:
         """Return the rate of the chosen stream [Hz]; 0 before any."""

@@ -101,12 +101,15 @@ class Monitor:
             self.config.raw_tap(batch)
         self._census.add(batch)
         events: list[Event] = []
+        vehicles = self._vehicles
         for sample in self._messages.samples(batch):
-            sender = (sample.system, sample.component)
-            vehicle = self._vehicles.get(sender)
+            sender = sample[:2]  # system, component
+            vehicle = vehicles.get(sender)
             if vehicle is None:
-                vehicle = self._vehicles[sender] = VehicleMonitor(f"{sender[0]}.{sender[1]}", self.config)
-            events += vehicle.feed(sample)
+                vehicle = vehicles[sender] = VehicleMonitor(f"{sender[0]}.{sender[1]}", self.config)
+            caused = vehicle.feed(sample)
+            if caused:
+                events += caused
         return events
 
     def _counters(self) -> dict[str, int]:

@@ -28,11 +28,13 @@ from gcs_health.samples import (
     RotorReading,
     RotorRpm,
     Sample,
+    new_tuple,
 )
 
 NAN = math.nan
 IMPOSSIBLE = 30000.0  # rad/s, 286 000 rpm: no propeller turns so fast
 MOST_ESCS = 12  # as ESC_INFO.count
+Batch = tuple[int | None, Four, Four, Four]  # stamp, speeds, volts and amperes of an ESC_STATUS
 STALE_AFTER = 2.5  # usual intervals without news, but at least ...
 STALE_LEAST = 1.0  # ... so many s
 GENUINE = 3  # batches from slot 4 on that differ from ESC 0-3 before they are believed
@@ -65,7 +67,7 @@ class RotorTelemetry:
         self.temperatures: dict[int, float] = {}
         self._rotor_of: dict[int, int] = {}  # by ESC index
         self._in_order: tuple[int, ...] = ()  # ESC index of each rotor
-        self._last_batch: dict[int, tuple[int | None, Four, Four, Four]] = {}
+        self._last_batch: dict[int, Batch] = {}
         self._genuine = 0
         self._outputs = MotorOutputs()
         self._count = 0  # ESC_INFO.count
@@ -186,15 +188,15 @@ class RotorTelemetry:
         """Whether the batches from slot 4 on are copies; lost frames make some look genuine."""
         return self.repeats > 0 and self._genuine <= 2 * self.repeats
 
-    def _is_copy(self, sample: EscStatus) -> bool:
+    def _is_copy(self, batch: Batch) -> bool:
         """Whether a batch from slot 4 on is ESC 0-3 again, or may be for all that is known yet."""
-        values = (sample.speed, sample.voltage, sample.current)
+        time_us, speed4, voltage4, _ = batch
         first = self._last_batch.get(0)
-        if any(sample.speed) or any(sample.voltage):
-            if first is not None and first[1:] == values:
+        if any(speed4) or any(voltage4):
+            if first is not None and first[1:] == batch[1:]:
                 self.repeats += 1
                 return True
-            same_moment = first is not None and first[0] == sample.time_us
+            same_moment = first is not None and first[0] == time_us
             self._genuine += GENUINE if same_moment else 1
         return self._genuine < GENUINE or self._repeating()
 
@@ -205,12 +207,12 @@ class RotorTelemetry:
             return None  # a duplicate is not news
         self._last_batch[first] = batch
         self._px4 = True
-        if first >= 4 and self._is_copy(sample):
+        if first >= 4 and self._is_copy(batch):
             return None
         live = sum(speed4) + sum(voltage4)  # NaN hides from min and max, not from this
         if live == live and min(speed4) > 0.0 and max(speed4) < IMPOSSIBLE and min(voltage4) > LIVE_VOLTS:
             self._note_well(t, first, speed4)
-            known = Known(tuple(range(first, first + 4)), speed4, current4, voltage4)
+            known = new_tuple(Known, (tuple(range(first, first + 4)), speed4, current4, voltage4))
         else:
             known = self._sort_out(t, sample)
         joined = self._join.feed(t, first, known)
@@ -289,7 +291,7 @@ class RotorTelemetry:
         if known.escs and known.escs == self._in_order:  # all of them, and in the rotors' order already
             if not self.gives_current:
                 self.gives_current = any(current > 0.0 for current in known.current)
-            return RotorReading(t, known.speed, known.current, known.voltage)
+            return new_tuple(RotorReading, (t, *known[1:]))
         n = len(self._in_order)
         speeds, currents, volts, any_known = [NAN] * n, [NAN] * n, [NAN] * n, False
         for index, speed, current, voltage in zip(*known, strict=True):

@@ -44,6 +44,7 @@ from gcs_health.samples import (
     VibrationReading,
 )
 
+AUTOPILOT = 1  # component whose telemetry is a vehicle's even before its HEARTBEAT is heard
 NEEDS_AFTER = 4.0  # s until a stream that lacks an input is told what would give it
 
 
@@ -227,7 +228,8 @@ class VehicleMonitor:
             self._tell_flight(t)
 
     def _on_imu(self, t: float, sample: Imu) -> None:
-        self._is_autopilot(sample)
+        if not self.is_vehicle and sample.component == AUTOPILOT:
+            self._now_a_vehicle()
         reading = self.imu.feed(t, sample)
         if reading is not None:
             if self.imu.news:
@@ -235,7 +237,8 @@ class VehicleMonitor:
             self._read(reading)
 
     def _on_rotors(self, t: float, sample: EscStatus | EscTelemetry | EscInfo | Outputs) -> None:
-        self._is_autopilot(sample)
+        if not self.is_vehicle and sample.component == AUTOPILOT:
+            self._now_a_vehicle()
         reading = self.rotors.feed(t, sample)
         if reading is not None:
             self._read(reading)
@@ -279,11 +282,6 @@ class VehicleMonitor:
         if airframe is not None:
             self._adopt(airframe)
 
-    def _is_autopilot(self, sample: Sample) -> None:
-        """Telemetry of component 1 is an autopilot's even before its HEARTBEAT is heard."""
-        if not self.is_vehicle and sample.component == 1:
-            self._now_a_vehicle()
-
     # -- time ---------------------------------------------------------------------------------------
 
     def _note_time(self, t: float) -> None:
@@ -316,7 +314,8 @@ class VehicleMonitor:
                     self._alerts(told)
 
     def _surely_flies(self) -> bool:
-        return self.phase.surely_flies(self.bank is not None and self.bank.gate.open)
+        bank = self.bank
+        return self.phase.surely_flies(bank is not None and bank.gate.open)
 
     def _tell_flight(self, t: float) -> None:
         reading = self.phase.reading(t)

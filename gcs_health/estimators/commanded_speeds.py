@@ -39,12 +39,14 @@ class CommandedSpeeds:
     Attributes
     ----------
     r2 : how much of the speeds' steps the commands explain [-].
+    trusted : whether the commands have borne out how speeds move.
     """
 
     def __init__(self, rotors: int, config: CommandConfig) -> None:
         self.config = config
         self.rotors = rotors
         self.r2 = 0.0
+        self.trusted = False
         self._speed_per_command = 0.0
         self._times: list[float] = []
         self._commands: list[Row] = []
@@ -87,11 +89,7 @@ class CommandedSpeeds:
         if self._xy > 0.0 and self._steps >= c.least_steps:
             self.r2 = self._xy * self._xy / (self._xx * self._yy)
             self._speed_per_command = self._xy / self._xx if self.r2 >= c.least_r2 else 0.0
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the commands have borne out how speeds move."""
-        return self._speed_per_command > 0.0
+            self.trusted = self._speed_per_command > 0.0
 
     def moved(self, t: float, since: float) -> Row | None:
         """Return by how much each speed moved from `since` to t [rad/s]; None where commands do not tell."""

@@ -24,16 +24,16 @@ class Inputs(InputRecency):
 
     def take_speeds(self, reading: RotorReading) -> float:
         """Take the speeds that are new and plausible; return the slowest, 0 where not all are."""
-        t = reading.t
-        if t >= self._newest and complete(reading.speed, len(self.speeds)):
-            self.speeds[:] = reading.speed
-            self.speed_t[:] = [t] * len(self.speeds)
+        t, speeds, n = reading.t, reading.speed, len(self.speeds)
+        if t >= self._newest and complete(speeds, n):
+            self.speeds[:] = speeds
+            self.speed_t[:] = [t] * n
             self._newest = t
-            return min(reading.speed)
-        for i, speed in enumerate(reading.speed[: len(self.speeds)]):
-            if -FASTEST < speed < FASTEST and reading.t >= self.speed_t[i]:
+            return min(speeds)
+        for i, speed in enumerate(speeds[:n]):
+            if -FASTEST < speed < FASTEST and t >= self.speed_t[i]:
                 self.speeds[i] = abs(speed)
-                self.speed_t[i] = reading.t
+                self.speed_t[i] = t
                 self._newest = max(self._newest, t)
         return 0.0
 

@@ -34,7 +34,7 @@ from gcs_health.estimators.short_order import may_be_order
 from gcs_health.estimators.slow_effectiveness import SlowEffectiveness
 from gcs_health.estimators.ticks import ImuBlocks, RotorTrack, Tick
 from gcs_health.gate import Closed, FlightGate
-from gcs_health.samples import CommandReading, ImuReading, RotorReading
+from gcs_health.samples import CommandReading, ImuReading, RotorReading, new_tuple
 
 
 class RecommendedBank:
@@ -99,7 +99,7 @@ class RecommendedBank:
     @property
     def tick_length(self) -> float:
         """Usual time between ticks [s]."""
-        return self.blocks.step * self.blocks.per_block
+        return self.blocks.tick_length
 
     def imu(self, reading: ImuReading) -> bool:
         """Take one message; return whether a verdict fell."""
@@ -128,7 +128,7 @@ class RecommendedBank:
     def rate_too_low(self) -> bool:
         """Whether a loss cannot be seen in time at these message rates."""
         c = self.config
-        return self.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
+        return self.blocks.tick_length > c.slowest_tick or self.track.interval > c.slowest_rotor_speeds
 
     def new_flight(self) -> None:
         """Begin a new flight: a failure named in the one before no longer holds."""
@@ -146,17 +146,18 @@ class RecommendedBank:
         track = self.track
         shift = self.shift.shift
         speeds = self._speeds_at(t - shift)
-        if not self.gains.thrust_given and self.failed is None:
-            self.gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
+        gains = self.gains
+        if not gains.thrust_given and self.failed is None:
+            gains.learn_thrust(dt, tick.az, sum(map(mul, speeds, speeds)))
         blocked = None
-        if not self.gains.known:
+        if not gains.known:
             blocked = Closed.EFFECTIVENESS_UNKNOWN
         elif self.rate_too_low():
             blocked = Closed.RATE_TOO_LOW
         gate = self.gate
         was_open = gate.open
         age = t - track.covered
-        is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, self.gains.thrust, blocked)
+        is_open = gate.feed(t, dt, speeds, age, track.interval, tick.az, gains.thrust, blocked)
         self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
         inflation = self.motion.inflation(tick, dt)
         if not is_open or not was_open:
@@ -166,7 +167,7 @@ class RecommendedBank:
         self._held_speeds.append(speeds)
         if t <= track.covered + shift:
             return self._evaluate()
-        if track.interval <= min(self.tick_length, self.config.wait) and age < 1.5 * track.interval:
+        if track.interval <= min(self.blocks.tick_length, self.config.wait) and age < 1.5 * track.interval:
             return False  # the next rotor speeds bracket this tick within less than a tick
         return self._provisional(len(self._pending) - 1)
 
@@ -228,13 +229,17 @@ class RecommendedBank:
         assert before is not None
         now = self._push = push(self._speeds_at(t - self.shift.shift), gains)
         e = residual(step, before, now, gains.has_yaw)
-        variances = noise.variances(0)
-        speeds = (before.speeds, now.speeds)
+        error = noise.offset, noise.variances(0), step.inflation
         bend = self._bend(step.dt)
-        tick = Evidence(e, noise.offset, variances, step.inflation, *speeds, gains.matrix, gains.doubt, bend)
-        look = self._suspects(t) or not calm(tick, self._calm_limit)
+        tick = new_tuple(Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, bend))
+        suspected = t <= self._freeze.until or self._row[1] > 0  # then every tick counts
         self.bank.add_final(tick, -e[3])
-        fell = self._judge(t, True, look)
+        fell = False
+        if suspected or self.failed is not None or not calm(tick, self._calm_limit):
+            fell = self._judge(t, True)
+        else:
+            self._freeze.quiet(t)
+            self._row = (-1, 0)
         self._final_row = self._row
         if self.failed is None:
             self._next.add(step, tick, t > self._freeze.until)
@@ -262,10 +267,6 @@ class RecommendedBank:
         bend = c.bend_commanded if self.commanded.trusted else c.bend
         return bend * interval * interval / (8.0 * c.rotor_time * dt)
 
-    def _suspects(self, t: float) -> bool:
-        """Whether a hypothesis is, or just was, half way: every tick counts then, calm or not."""
-        return t <= self._freeze.until or self._row[1] > 0
-
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
         tick = self._held(position)
@@ -287,19 +288,16 @@ class RecommendedBank:
     def _held(self, position: int) -> Evidence:
         """Return a pending tick with the last rotor speeds held: the older they are, the worse."""
         step = self._pending[position]
-        before = self._push_at(position - 1)
-        now = self._push_at(position)
+        speeds = self._held_speeds
+        same = position > 0 and speeds[position - 1] is speeds[position]
+        before = self._push_at(position - (not same))
+        now = before if same else self._push_at(position)
         late = step.t - self.track.covered - self.shift.shift
-        return Evidence(
-            residual(step, before, now, self.gains.has_yaw),
-            self.noise.offset,
-            self.noise.variances(position + 1),
-            step.inflation * self.noise.growth(late if late > 0.0 else 0.0),
-            before.speeds,
-            now.speeds,
-            self.gains.matrix,
-            self.gains.doubt,
-        )
+        gains, noise = self.gains, self.noise
+        e = residual(step, before, now, gains.has_yaw)
+        inflation = step.inflation * noise.growth(late if late > 0.0 else 0.0)
+        error = noise.offset, noise.variances(position + 1), inflation
+        return new_tuple(Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, 0.0))
 
     def _push_at(self, position: int) -> Push:
         """Return what the rotors do at a pending tick; mostly the same as at the one before."""
@@ -312,15 +310,13 @@ class RecommendedBank:
             held = self._held_push = push(speeds, self.gains)
         return held
 
-    def _judge(self, t: float, final: bool, look: bool = True) -> bool:
-        """Judge the bank as it stands, if it is worth a `look`; return whether a verdict fell."""
+    def _judge(self, t: float, final: bool) -> bool:
+        """Judge the bank as it stands; return whether a verdict fell."""
         if self.failed is not None:
             self._refine(t)
             return False
         c = self.config
-        verdict = NOTHING
-        if look:
-            verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze.half_way(t)
             self.standing = self.bank.standing(self.tick_length)

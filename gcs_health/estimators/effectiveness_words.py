@@ -6,6 +6,7 @@ from statistics import NormalDist
 from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
 from gcs_health.estimators.effectiveness_paper import PaperFilter
 from gcs_health.estimators.effectiveness_recommended import RecommendedBank
+from gcs_health.samples import new_tuple
 
 NAN = math.nan
 STANDARD = NormalDist()
@@ -27,19 +28,8 @@ def estimate(
     evidence: Evidence = (),
 ) -> Estimate:
     """Return an estimate of effectiveness."""
-    return Estimate(
-        t,
-        "effectiveness",
-        rotor,
-        Quantity.EFFECTIVENESS,
-        value,
-        std,
-        p,
-        status,
-        tuple(reasons),
-        detectable,
-        evidence,
-    )
+    what = "effectiveness", rotor, Quantity.EFFECTIVENESS
+    return new_tuple(Estimate, (t, *what, value, std, p, status, tuple(reasons), detectable, evidence))
 
 
 def missing(t: float, rotor: int, reasons: list[Reason], warming: bool) -> Estimate:

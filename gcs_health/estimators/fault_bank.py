@@ -105,7 +105,8 @@ class FaultBank:
         if len(waiting) > self.config.max_ticks:
             del waiting[0]
         self._waiting_final = len(waiting)
-        self.final_ticks = min(self.final_ticks + 1, self.config.max_ticks)
+        if self.final_ticks < self.config.max_ticks:
+            self.final_ticks += 1
         self._remember(excess)
 
     def drop_provisional(self) -> None:
@@ -174,12 +175,12 @@ class FaultBank:
         N = sums[:, :n]
         D = sums[:, n : 2 * n]
         # LLR <= N² / 2D whatever the clip
-        if not ((N > 0.0) & ((2.0 * floor) * D < N * N)).any():
+        if not np.count_nonzero((N > 0.0) & ((2.0 * floor) * D < N * N)):
             return NOTHING
         free = N / (D + 1e-12)
         theta = np.minimum(np.maximum(free, c.theta_low), c.theta_high)
         llr = theta * (N - 0.5 * theta * D)
-        best = llr.max(axis=0).tolist()
+        best = np.maximum.reduce(llr).tolist()
         rotor = max(range(n), key=best.__getitem__)
         top = best[rotor]
         second = 0.0
@@ -227,7 +228,7 @@ class FaultBank:
         N = sums[:, :n]
         D = sums[:, n : 2 * n]
         theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)
-        best: list[float] = np.maximum(theta * (N - 0.5 * theta * D), 0.0).max(axis=0).tolist()
+        best: list[float] = np.maximum.reduce(np.maximum(theta * (N - 0.5 * theta * D), 0.0)).tolist()
         information: list[float] = D[-1].tolist()
         return best, information
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_health.estimators.residual_model import Evidence, Step
+from gcs_health.estimators.residual_model import Evidence, Step, rows
 
 Array = NDArray[np.float64]
 
@@ -28,17 +28,17 @@ class Lesson:
 
     def __init__(self, ticks: list[tuple[Step, Evidence]]) -> None:
         steps, evidence = zip(*ticks, strict=True)
-        columns = np.array(steps)
+        columns = rows(steps, len(steps[0]))
         self.first_t, self.last_t = steps[0].t, steps[-1].t
         self.dt: Array = columns[:, 1]
         self.length = float(np.add.reduce(self.dt))
         self.measured: Array = columns[:, 2:4]
         self.inflation: Array = columns[:, 6]
         e, _, variances, _, w0, w1, *_ = zip(*evidence, strict=True)
-        self.e: Array = np.array(e)
+        self.e: Array = rows(e, 4)
         self.predicted: Array = self.measured - self.e[:, :2]
-        self.variances: Array = np.array(variances) * self.inflation[:, None]
-        first, last = np.array(w0), np.array(w1)
+        self.variances: Array = rows(variances, 4) * self.inflation[:, None]
+        first, last = rows(w0, len(w0[0])), rows(w1, len(w1[0]))
         self.last_squares: Array = last * last
         self.squares: Array = 0.5 * (first * first + self.last_squares)
 

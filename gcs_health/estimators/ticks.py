@@ -7,9 +7,10 @@ that it can lend such a tick the covariance of its age and compute it again when
 
 import math
 from collections.abc import Sequence
+from operator import add
 from typing import NamedTuple
 
-from gcs_health.samples import ImuReading, RotorReading
+from gcs_health.samples import ImuReading, RotorReading, new_tuple
 
 MOST = 1e4  # m/s², rad/s: beyond any airframe; larger values are damage
 FASTEST = 1e5  # rad/s, likewise
@@ -69,15 +70,22 @@ class ImuBlocks:
 
     A block never spans a gap. Readings that are not finite or not newer than the last are dropped and
     counted in `dropped`.
+
+    Attributes
+    ----------
+    per_block : messages averaged into one tick.
+    tick_length : usual time between ticks [s], NaN before the second message.
     """
 
     def __init__(self, length: float) -> None:
         self.length = length  # [s]
-        self.per_block = 1  # messages averaged into one tick
+        self.per_block = 1
+        self.tick_length = math.nan
         self._step = UsualStep()
         self.last_t = -math.inf
         self.dropped = 0
-        self._block: list[ImuReading] = []
+        self._totals: Sequence[float] = ()  # of the readings of the block
+        self._count = 0
 
     def feed(self, reading: ImuReading) -> Tick | None:
         """Take one message; return the block that it completes, if any."""
@@ -92,10 +100,12 @@ class ImuBlocks:
             if self._step.feed(dt):
                 # at 150 Hz and below every message is a tick
                 self.per_block = max(1, int(self.length / self._step.value + 0.5))
-            if self._block and dt > 2.5 * self._step.value and dt > 0.5 * self.length:
+                self.tick_length = self._step.value * self.per_block
+            if self._count and dt > 2.5 * self._step.value and dt > 0.5 * self.length:
                 done = self._flush()
-        self._block.append(reading)
-        if done is None and len(self._block) >= self.per_block:
+        self._totals = list(map(add, self._totals, reading)) if self._count else reading
+        self._count += 1
+        if done is None and self._count >= self.per_block:
             done = self._flush()
         return done
 
@@ -105,10 +115,9 @@ class ImuBlocks:
         return self._step.value
 
     def _flush(self) -> Tick:
-        share = 1.0 / len(self._block)
-        tick = Tick(*[share * total for total in map(sum, zip(*self._block, strict=True))])
-        self._block.clear()
-        return tick
+        share = 1.0 / self._count
+        self._count = 0
+        return new_tuple(Tick, [share * total for total in self._totals])
 
 
 class RotorTrack:

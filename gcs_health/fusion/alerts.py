@@ -80,7 +80,10 @@ class AlertDesk:
     @property
     def failed(self) -> int | None:
         """The rotor that was told first to have failed, None where none has."""
-        return next((each.rotor for each in self._open.values() if each.family is FAILED_FAMILY), None)
+        for each in self._open.values():  # asked with every rotor reading, and mostly none is open
+            if each.family is FAILED_FAMILY:
+                return each.rotor
+        return None
 
     @property
     def failed_at(self) -> float:

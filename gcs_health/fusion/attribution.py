@@ -14,6 +14,7 @@ in the wrong order. Without commands it is the order where it was so from take-o
 """
 
 import math
+from operator import add, mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,12 @@ LASTS = 3.0  # s
 
 
 class Attribution:
-    """Fed readings; `evidence` says of each rotor whether its telemetry is its own. Cheap between two blocks."""
+    """Fed readings; says of each rotor whether its telemetry is its own. Cheap between two blocks.
+
+    Attributes
+    ----------
+    latest : the last IMU reading; its body rates are looked at with the next block.
+    """
 
     def __init__(self, airframe: Airframe) -> None:
         self._n = len(airframe.rotors)
@@ -60,13 +66,10 @@ class Attribution:
         self._command: list[float] | None = None
         self._commanded = 0  # blocks with commands
         self._squares, self._counts = [0.0] * self._n, [0] * self._n
-        self._imu: ImuReading | None = None
+        self._whole = 0  # readings that counted for every rotor
+        self.latest: ImuReading | None = None
         self._begin: ImuReading | None = None
         self._index = -1
-
-    def imu(self, reading: ImuReading) -> None:
-        """Take body rates: only the latest counts."""
-        self._imu = reading
 
     def command(self, reading: CommandReading) -> None:
         """Take commands."""
@@ -84,17 +87,24 @@ class Attribution:
         return said
 
     def _add(self, reading: RotorReading) -> None:
-        for k, speed in enumerate(reading.speed):
+        speeds = reading.speed
+        total = sum(speeds)
+        if total == total:  # all are known
+            self._squares = list(map(add, self._squares, map(mul, speeds, speeds)))
+            self._whole += 1
+            return
+        for k, speed in enumerate(speeds):
             if speed == speed:
                 self._squares[k] += speed * speed
                 self._counts[k] += 1
 
     def _turn_over(self, index: int, flies: bool) -> list[Evidence]:
         """Close the block, unless something breaks it."""
-        squares = [s / c if c else math.nan for s, c in zip(self._squares, self._counts, strict=True)]
-        self._squares, self._counts = [0.0] * self._n, [0] * self._n
+        counts = [self._whole + count for count in self._counts]
+        squares = [s / c if c else math.nan for s, c in zip(self._squares, counts, strict=True)]
+        self._squares, self._counts, self._whole = [0.0] * self._n, [0] * self._n, 0
         steps, self._index = index - self._index, index
-        begin, imu = self._begin, self._imu
+        begin, imu = self._begin, self.latest
         self._begin = imu
         if not flies or steps * BLOCK > GAP:
             if self._blocks:

@@ -7,14 +7,13 @@ worked out from them, else it is one of the constants below.
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 from gcs_health.estimators.contract import Estimate, Reason, Status
 from gcs_health.fusion.kinds import FAILED, FAULTS, Kind
-from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence
+from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, Odds
 from gcs_health.rotor_telemetry import RotorState
-from gcs_health.samples import EscInfo
-
-Odds = tuple[tuple[Kind, float], ...]
+from gcs_health.samples import EscInfo, new_tuple
 
 SURE, LIKELY, AGAINST = BOUND, 6.0, -6.0  # nats
 HOLDS, HOLDS_SLOW = 1.0, 5.0  # s that an estimate holds without being repeated
@@ -42,13 +41,18 @@ def effectiveness(estimate: Estimate) -> Evidence | None:
     """Thrust: a named loss by its size, else the slow estimate with its spread."""
     if Reason.MOTOR_STOPPED in estimate.reasons:
         # a blocked motor stands still too: the current tells them apart
-        odds: Odds = ((Kind.MOTOR_STOPPED, SURE), (Kind.MOTOR_STUCK, SURE))
-        return _evidence(estimate, odds)
+        return _evidence(estimate, ((Kind.MOTOR_STOPPED, SURE), (Kind.MOTOR_STUCK, SURE)))
     if estimate.status is not Status.VALID:
         return None
     p = estimate.failure_probability
     named = p == p and p > 0.9
-    loss, spread = 1.0 - estimate.value, estimate.std
+    turns = not named and dict(estimate.evidence).get("speed_over_hover", 1.0) > TURNS  # type: ignore[operator]
+    return _evidence(estimate, _of_loss(1.0 - estimate.value, estimate.std, named, turns))
+
+
+@lru_cache(maxsize=256)  # asked ten times a second of every rotor, of figures that change with lessons alone
+def _of_loss(loss: float, spread: float, named: bool, turns: bool) -> Odds:
+    """Return what a loss of thrust with its standard deviation speaks for; `turns` = the motor surely does."""
     if named:
         # the rules bound its false alarms: what it names counts in full, its size only among the kinds
         gone, part = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)), _partly(loss, spread)
@@ -57,19 +61,19 @@ def effectiveness(estimate: Estimate) -> Evidence | None:
     else:
         well = _normal(loss, 0.0, max(spread, 0.02))
         gone = _normal(loss, 1.0, math.hypot(spread, LOST_SPREAD)) - well
-        # the likeliest size stands for all of them: this is asked ten times a second of every rotor
+        # the likeliest size stands for all of them
         nearest = min(max(loss, PARTIAL[0]), PARTIAL[-1])
         part = _normal(loss, nearest, math.hypot(spread, PART_SPREAD)) - well
         most = -math.log(PRIOR_ODDS[Kind.THRUST_LOSS]) - 2.0  # what no rule has named raises nothing
         gone, part = min(gone, most), min(part, most)
-    odds = (
+    odds: Odds = (
         (Kind.PROPELLER_LOST, gone),
         (Kind.THRUST_LOSS, part),
         (Kind.PROPELLER_SLIPPING, max(gone, part)),
     )
-    if not named and dict(estimate.evidence).get("speed_over_hover", 1.0) > TURNS:  # type: ignore[operator]
+    if turns:
         odds += ((Kind.MOTOR_STOPPED, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
-    return _evidence(estimate, odds)
+    return odds
 
 
 def torque(estimate: Estimate) -> Evidence | None:
@@ -125,7 +129,7 @@ def esc_state(t: float, rotor: int, state: RotorState, others_live: bool, in_fli
     if state is RotorState.STALE:
         ratio = SURE if others_live else LIKELY
         return Evidence(t, rotor, "esc", ((Kind.ESC_TELEMETRY_LOST, ratio),))
-    return Evidence(t, rotor, "esc", ((Kind.ESC_TELEMETRY_LOST, AGAINST),))
+    return Evidence(t, rotor, "esc", _ESC_SPEAKS)
 
 
 def degradation(estimate: Estimate) -> Evidence | None:
@@ -207,7 +211,8 @@ def _evidence(
     estimate: Estimate, odds: Odds, sees_thrust: bool = True, source: str = "", lasts: float = HOLDS
 ) -> Evidence:
     source = source or estimate.estimator
-    return Evidence(estimate.t, estimate.rotor, source, odds, sees_thrust, lasts, estimate.evidence)
+    head = estimate.t, estimate.rotor, source
+    return new_tuple(Evidence, (*head, odds, sees_thrust, lasts, estimate.evidence))
 
 
 def _normal(x: float, mean: float, std: float) -> float:
@@ -223,6 +228,7 @@ def _partly(loss: float, spread: float) -> float:
     return top + math.log(sum(math.exp(each - top) for each in logs) / len(logs))
 
 
+_ESC_SPEAKS: Odds = ((Kind.ESC_TELEMETRY_LOST, AGAINST),)
 _NO_KIND: Odds = tuple((kind, 0.0) for kind in FAULTS if kind in FAILED)
 _OF_ESTIMATOR: dict[tuple[str, str], Callable[[Estimate], Evidence | None]] = {
     ("effectiveness", "effectiveness"): effectiveness,

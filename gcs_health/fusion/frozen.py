@@ -31,19 +31,18 @@ class Frozen:
     def rotors(self, reading: RotorReading) -> None:
         """Take what the ESCs tell; a speed that is not known is no news."""
         t = reading.t
+        lasts, changed, usuals = self._last, self._changed, self._usual
         told = zip(reading.speed, reading.current, reading.voltage, strict=True)
         for k, (speed, current, voltage) in enumerate(told):
             if speed != speed:
                 continue
-            now, last = (speed, current, voltage), self._last[k]
-            if last is not None and all(
-                a == b or (a != a and b != b) for a, b in zip(now, last, strict=True)
-            ):
+            last = lasts[k]
+            if last is not None and speed == last[0] and _same(current, last[1]) and _same(voltage, last[2]):
                 continue
-            step, usual = t - self._changed[k], self._usual[k]
+            step, usual = t - changed[k], usuals[k]
             if step > 0.0:
-                self._usual[k] = step if usual != usual else usual + SHARE * (step - usual)
-            self._last[k], self._changed[k] = now, t
+                usuals[k] = step if usual != usual else usual + SHARE * (step - usual)
+            lasts[k], changed[k] = (speed, current, voltage), t
 
     def holds(self, rotor: int, t: float) -> bool:
         """Whether the telemetry of a rotor repeats itself at t [s]."""
@@ -55,3 +54,8 @@ class Frozen:
             return False
         lively = sum(t - at < LIVELY for k, at in enumerate(self._changed) if k != rotor)
         return 2 * lively >= self._n - 1
+
+
+def _same(a: float, b: float) -> bool:
+    """Whether both are equal, or both not known."""
+    return a == b or (a != a and b != b)

@@ -96,7 +96,7 @@ class RotorPanel:
         """
         kind = type(reading)
         if kind is ImuReading:
-            self._attribution.imu(reading)  # type: ignore[arg-type]
+            self._attribution.latest = reading  # type: ignore[assignment]
         elif kind is CommandReading:
             self._attribution.command(reading)  # type: ignore[arg-type]
             self._commanded.command(reading)  # type: ignore[arg-type]
@@ -212,11 +212,12 @@ class RotorPanel:
     def routine(self, t: float, telemetry: RotorTelemetry, in_flight: bool) -> list[Alert]:
         """Judge every rotor at vehicle time `t` [s]."""
         states = [telemetry.state(rotor.esc, t) for rotor in self._airframe.rotors]
+        alive = [state in LIVE for state in states]
+        live = sum(alive)
         for k, state in enumerate(states):
             if in_flight and state is RotorState.FRESH and self._frozen.holds(k, t):
                 state = RotorState.STALE  # what it repeats is old
-            others = any(other in LIVE for j, other in enumerate(states) if j != k)
-            evidence = esc_state(t, k, state, others, in_flight)
+            evidence = esc_state(t, k, state, live > alive[k], in_flight)
             if evidence is not None:
                 self._beliefs[k].feed(evidence)
         if self._failed is not None:

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
+from gcs_health.samples import new_tuple
 
 NAN = float("nan")
 NOBODY = -1  # in place of a rotor: one of them, which one cannot be told
@@ -40,6 +41,9 @@ PRIOR_ODDS: dict[Kind, float] = {
 _PRIOR: dict[Kind, float] = {Kind.HEALTHY: 1.0, **{kind: PRIOR_ODDS[kind] for kind in FAULTS}}
 
 
+Odds = tuple[tuple[Kind, float], ...]
+
+
 class Evidence(NamedTuple):
     """What one source says of one rotor now; it replaces what the source said before.
 
@@ -55,7 +59,7 @@ class Evidence(NamedTuple):
     t: float
     rotor: int
     source: str
-    odds: tuple[tuple[Kind, float], ...]
+    odds: Odds
     sees_thrust: bool = False
     lasts: float = 1.0
     figures: tuple[tuple[str, float | str], ...] = ()
@@ -108,8 +112,9 @@ class Verdict(NamedTuple):
 
     def differs(self, before: "Verdict") -> bool:
         """Whether it is worth telling after the one before."""
-        moved = abs(before.probability - self.probability)
-        return moved >= WORTH_TELLING or self.state != before.state
+        if abs(before.probability - self.probability) >= WORTH_TELLING:
+            return True
+        return (self.kind, self.known) != (before.kind, before.known) and self.state != before.state
 
     def of(self, kinds: Iterable[Kind]) -> float:
         """Return the probability that the rotor is in any of these states."""
@@ -130,6 +135,8 @@ class RotorBelief:
         self._evidence: dict[str, Evidence] = {}
         self._kind = Kind.HEALTHY
         self._since = NAN
+        self._odds: list[Odds] = []  # all that was said at the last verdict, and what followed from it
+        self._weights, self._total, self._likeliest = _PRIOR, sum(_PRIOR.values()), Kind.HEALTHY
 
     def feed(self, evidence: Evidence) -> None:
         """Take what a source says now."""
@@ -145,23 +152,28 @@ class RotorBelief:
 
     def verdict(self, t: float) -> Verdict:
         """Return the posterior at vehicle time `t` [s]."""
-        live = [evidence for evidence in self._evidence.values() if t - evidence.t <= evidence.lasts]
+        live = tuple([evidence for evidence in self._evidence.values() if t - evidence.t <= evidence.lasts])
+        odds = [evidence.odds for evidence in live]
+        if odds != self._odds:  # sources mostly repeat themselves
+            self._odds = odds
+            self._weigh(odds)
+        known = any([evidence.sees_thrust for evidence in live])
+        weights, total, kind = self._weights, self._total, self._likeliest
+        if kind is not self._kind or self._since != self._since:
+            self._kind, self._since = kind, t
+        head = t, self.rotor, kind, weights[kind] / total
+        return new_tuple(Verdict, (*head, weights, total, known, self._since, live))
+
+    def _weigh(self, said: list[Odds]) -> None:
         weights = _PRIOR.copy()
-        known = False
-        for evidence in live:
-            for kind, ratio in evidence.odds:
+        for odds in said:
+            for kind, ratio in odds:
                 if ratio:
                     weights[kind] *= math.exp(
                         ratio if -BOUND < ratio < BOUND else math.copysign(BOUND, ratio)
                     )
-            known = known or evidence.sees_thrust
-        total = sum(weights.values())
-        kind = max(weights, key=weights.__getitem__)
-        if kind is not self._kind or self._since != self._since:
-            self._kind, self._since = kind, t
-        return Verdict(
-            t, self.rotor, kind, weights[kind] / total, weights, total, known, self._since, tuple(live)
-        )
+        self._weights, self._total = weights, sum(weights.values())
+        self._likeliest = max(weights, key=weights.__getitem__)
 
     def land(self, t: float) -> None:
         """Hold what is said at the end of a flight, for and against alike: none of it must lapse before the rest.

@@ -10,7 +10,7 @@ from gcs_health.mavlink.dialect import Dialect, Message
 from gcs_health.mavlink.framing import Integers
 from gcs_health.mavlink.message_table import OTHERS, TABLE, Row
 from gcs_health.mavlink.rules import Columns, Integer, Names, One, Text, compiled, compiled_sample
-from gcs_health.samples import Other, Sample
+from gcs_health.samples import Other, Sample, new_tuple
 
 _FEW_OF_A_KIND = 20  # of one message: below, one by one is faster than by column (benchmarks/decode.py)
 
@@ -136,7 +136,7 @@ class _SampleReader:
             columns.receive_us.tolist(),
         )
         fields = zip(*head, *[read(columns.wire) for read in self._many], strict=False)
-        return list(map(_new, repeat(self._type), fields))
+        return list(map(new_tuple, repeat(self._type), fields))
 
 
 class _OtherReader:
@@ -169,6 +169,3 @@ def _singly(one: One, columns: MessageColumns) -> list[Sample]:
     return list(
         map(one, columns.receive_us.tolist(), columns.system.tolist(), columns.component.tolist(), payloads)
     )
-
-
-_new = tuple.__new__

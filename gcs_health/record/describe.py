@@ -12,27 +12,17 @@ from gcs_health.estimators.contract import REASON_TEXT, Estimate, Quantity
 from gcs_health.fusion.alerts import Alert
 from gcs_health.fusion.verdicts import Verdict
 from gcs_health.record.events import AlertEvent, EstimateEvent, VerdictEvent
+from gcs_health.samples import new_tuple
 
 
 def estimate_event(estimate: Estimate, airframe: Airframe, t_unix_us: int, vehicle: str) -> EstimateEvent:
     """Return an estimate as an event; rotors as the airframe has them."""
-    rotor = airframe.rotors[estimate.rotor]
-    return EstimateEvent(
-        estimate.t,
-        t_unix_us,
-        vehicle,
-        estimate.estimator,
-        rotor.esc,
-        rotor.motor,
-        estimate.quantity.value,
-        estimate.value,
-        estimate.std,
-        estimate.failure_probability,
-        estimate.status.value,
-        tuple(reason.value for reason in estimate.reasons),
-        estimate.detectable,
-        balance_quality(estimate),
-    )
+    t, estimator, k, quantity, value, std, p, status, reasons, detectable, _ = estimate
+    rotor = airframe.rotors[k]
+    head = t, t_unix_us, vehicle, estimator, rotor.esc, rotor.motor, quantity.value
+    why = tuple([reason.value for reason in reasons])
+    said = value, std, p, status.value, why, detectable, balance_quality(estimate)
+    return new_tuple(EstimateEvent, (*head, *said))
 
 
 def balance_quality(estimate: Estimate) -> float:
