@@ -96,6 +96,18 @@ def test_drag_that_fell_is_no_drag_that_rose(value: float, risen: bool) -> None:
     assert (verdict.of({Kind.DRAG_RISEN}) > 0.9) is risen
 
 
+def test_drag_that_fell_votes_for_a_part_of_the_thrust_lost_and_decides_nothing_alone() -> None:
+    fell = from_estimate(estimate(0.6, 0.05, 0.97, estimator="motor_observer", quantity=Quantity.DRAG))
+    thrust = from_estimate(estimate(0.6, 0.05))
+    assert judged(fell).failed < 0.5
+    assert judged(thrust).failed < 0.5
+    both = judged(fell, thrust)
+    assert both.kind is Kind.THRUST_LOSS
+    assert both.probability > 0.9
+    as_ever = from_estimate(estimate(0.99, 0.05, 0.01, estimator="motor_observer", quantity=Quantity.DRAG))
+    assert judged(as_ever, thrust).failed == pytest.approx(judged(thrust).failed, abs=0.01)
+
+
 def test_what_cannot_be_estimated_says_nothing() -> None:
     assert from_estimate(estimate(NAN, NAN, NAN, status=Status.UNOBSERVABLE)) is None
     assert from_estimate(estimate(1.0, 0.1, 0.0, estimator="nobody")) is None
