@@ -192,11 +192,12 @@ def main() -> None:
     one = flight(1000.0, args.duration, args.duration - 4.0)
     slow = flight(500.0, args.duration, None)
     many = {count: fleet(slow, count) for count in args.vehicles}
-    print(f"# Latency\n\nPrinted by `python benchmarks/latency.py {' '.join(sys.argv[1:])}`.\n")
+    print(f"# Latency\n\nPrinted by `python {' '.join(['benchmarks/latency.py', *sys.argv[1:]])}`.\n")
     print(
-        "| vehicles | messages/s | events | median ms | p99 ms | worst ms | alert ms | recorded | sender late ms |"
+        "| vehicles | messages/s | events | median ms | p99 ms | worst ms | alert ms | recorded | caught up s "
+        "| sender late ms |"
     )
-    print("|---" * 9 + "|")
+    print("|---" * 10 + "|")
     print(measured("1", one), flush=True)
     for count, frames in many.items():
         print(measured(str(count), frames), flush=True)
