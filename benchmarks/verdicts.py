@@ -56,6 +56,7 @@ FAULTS: dict[str, tuple[str, float, Kind]] = {
     "ESC hot": ("esc_heat", 100.0, Kind.ESC_OVERHEATING),
     "ESC reports": ("esc_flags", 1.0, Kind.ESC_FAULT_REPORTED),
 }
+CONSEQUENCE = {Kind.DRAG_RISEN: "ESC_OVERHEATING"}  # true as well, and told besides: what rubs heats its ESC
 SLOWLY = {"unbalance 60 g mm": 45.0, "bearing": 20.0, "ESCs exchanged": 20.0}  # s in which it must be told
 EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 MESSAGES = {"HIGHRES_IMU": 0, "ESC_STATUS": 1}
@@ -177,8 +178,9 @@ def _sort(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int,
             mine[alert.id] = alert.code
         else:
             others[alert.id] = alert.code
-    out.code = next(iter(mine.values()), "")
-    out.others = tuple(others.values())
+    beside = CONSEQUENCE.get(kind)
+    out.code = next((code for code in mine.values() if code != beside), "" if not mine else beside or "")
+    out.others = tuple(code for number, code in others.items() if number not in mine)
 
 
 def one(task: tuple[str, str, int, list[str]]) -> list[tuple[str, str, str, Seen]]:

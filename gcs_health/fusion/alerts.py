@@ -25,6 +25,7 @@ from gcs_health.fusion.verdicts import NOBODY, Verdict
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
+KIND_HOLDS = 0.3  # s that a kind must be clear before it replaces one as grave that was told
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,8 @@ class _Episode:
     worst: float
     raised: float  # when [s]
     calm_since: float | None = None
+    turns_to: AlertKind | None = None  # another kind that has become clear
+    turns_since: float = math.nan  # [s]
     acknowledged: bool = False
     shelved_until: float = float("-inf")
 
@@ -160,22 +163,30 @@ class AlertDesk:
             if not waiting:
                 self._waiting.pop(verdict.rotor, None)
             return None
-        if verdict.t - waiting.setdefault(key, verdict.t) < row.hold:
+        before = self._mistaken(verdict.rotor, family)
+        if before is None and verdict.t - waiting.setdefault(key, verdict.t) < row.hold:
             return None
-        waiting.pop(key)
+        waiting.pop(key, None)
         if not waiting:
             del self._waiting[verdict.rotor]
-        unnamed = self._open.pop((NOBODY, family), None)
-        if unnamed is not None:  # now it is known whose it is
-            unnamed.rotor, unnamed.shelved_until = verdict.rotor, float("-inf")
-            self._open[verdict.rotor, family] = unnamed
-            return self._tell(verdict.t, unnamed, "escalated", probability, evidence)
+        if before is not None:
+            before.rotor, before.family, before.row = verdict.rotor, family, row
+            before.calm_since, before.shelved_until = None, float("-inf")
+            self._open[verdict.rotor, family] = before
+            return self._tell(verdict.t, before, "escalated", probability, evidence)
         self.count += 1
         episode = _Episode(
             self.count, verdict.rotor, family, row, probability, verdict.t, probability, verdict.t
         )
         self._open[verdict.rotor, family] = episode
         return self._step(verdict.t, episode, "raised", probability, evidence)
+
+    def _mistaken(self, rotor: int, family: frozenset[Kind]) -> _Episode | None:
+        """Take out the open episode that this one turns out to be: of no rotor, or of one that seemed to fail."""
+        unnamed = self._open.pop((NOBODY, family), None)
+        if unnamed is None and family in _EXCHANGED:
+            return self._open.pop((rotor, FAILED_FAMILY), None)
+        return unnamed
 
     def _row(self, verdict: Verdict, family: frozenset[Kind]) -> AlertKind | None:
         """Return the code of the family's likeliest kind, or "failed" while unclear; None = not told."""
@@ -209,9 +220,7 @@ class AlertDesk:
         episode.calm_since = None
         if probability < episode.row.raise_at:
             return None
-        row = self._row(verdict, episode.family)
-        if row is not None and row.code not in (episode.row.code, ROTOR_FAILED.code):
-            episode.row = row
+        if self._turned(verdict, episode):
             episode.shelved_until = float("-inf")
             return self._tell(t, episode, "escalated", probability, evidence)
         if t < episode.shelved_until or t - episode.told_t < UPDATE_EVERY:
@@ -219,6 +228,20 @@ class AlertDesk:
         if abs(probability - episode.told) >= MUCH:
             return self._tell(t, episode, "updated", probability, evidence)
         return None
+
+    def _turned(self, verdict: Verdict, episode: _Episode) -> bool:
+        """Whether the episode's kind has become clear, or another one: then it has its row now."""
+        row = self._row(verdict, episode.family)
+        if row is None or row.code in (episode.row.code, ROTOR_FAILED.code):
+            episode.turns_to = None
+            return False
+        if row is not episode.turns_to:
+            episode.turns_to, episode.turns_since = row, verdict.t
+        graver = episode.row.code == ROTOR_FAILED.code or row.severity < episode.row.severity
+        if not graver and verdict.t - episode.turns_since < KIND_HOLDS:
+            return False  # kinds do not take turns
+        episode.row, episode.turns_to = row, None
+        return True
 
     def _calm(
         self, t: float, episode: _Episode, probability: float, evidence: tuple[tuple[str, float | str], ...]

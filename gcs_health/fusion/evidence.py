@@ -71,6 +71,8 @@ def _of_loss(loss: float, spread: float, named: bool, turns: bool) -> Odds:
         (Kind.THRUST_LOSS, part),
         (Kind.PROPELLER_SLIPPING, max(gone, part)),
     )
+    if named:
+        odds += ((Kind.ESC_MISATTRIBUTED, VOTE),)  # another's speed pushes as little
     if turns:
         odds += ((Kind.MOTOR_STOPPED, AGAINST), (Kind.MOTOR_STUCK, AGAINST))
     return odds
@@ -150,7 +152,7 @@ def partial_loss(estimate: Estimate, evidence: Evidence) -> Evidence:
     top = max(gone, part)
     gone, part = SURE + gone - top, SURE + part - top
     odds = ((Kind.PROPELLER_LOST, gone), (Kind.THRUST_LOSS, part), (Kind.PROPELLER_SLIPPING, gone))
-    return evidence._replace(odds=odds)
+    return evidence._replace(odds=(*odds, (Kind.ESC_MISATTRIBUTED, VOTE)))
 
 
 class EscHeat:

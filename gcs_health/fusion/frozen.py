@@ -1,6 +1,7 @@
 """Telemetry that repeats itself: an ESC whose speed, current and voltage all stand still in flight.
 
     frozen: nothing has changed for 3 s, nor for 20 times what it usually takes, while half of the others' change
+    doubtful: the same after 0.4 s and 8 times: too early to tell of, late enough to rest no other verdict on it
 
 A live ESC's figures move with every sample but for their rounding; how often they usually do is learned of each, so
 that coarse steps in a calm hover are no fault.
@@ -11,6 +12,7 @@ import math
 from gcs_health.samples import RotorReading
 
 LEAST, TIMES = 3.0, 20.0  # s, and usual times between changes, without one
+DOUBT, DOUBT_TIMES = 0.4, 8.0  # likewise
 LIVELY = 1.0  # s within which the others must have changed
 SHARE = 0.1  # of a new time between changes in the usual one
 
@@ -46,11 +48,18 @@ class Frozen:
 
     def holds(self, rotor: int, t: float) -> bool:
         """Whether the telemetry of a rotor repeats itself at t [s]."""
+        return self._still(rotor, t, LEAST, TIMES)
+
+    def doubtful(self, t: float) -> bool:
+        """Whether the telemetry of any rotor may repeat itself at t [s]."""
+        return any(self._still(rotor, t, DOUBT, DOUBT_TIMES) for rotor in range(self._n))
+
+    def _still(self, rotor: int, t: float, least: float, times: float) -> bool:
         last = self._last[rotor]
         if last is None or not last[0] > 0.0:
             return False
         still = t - self._changed[rotor]
-        if not still >= max(LEAST, TIMES * self._usual[rotor]):
+        if not still >= max(least, times * self._usual[rotor]):
             return False
         lively = sum(t - at < LIVELY for k, at in enumerate(self._changed) if k != rotor)
         return 2 * lively >= self._n - 1

@@ -31,5 +31,7 @@ FAILED = frozenset(
         Kind.PROPELLER_SLIPPING,
     }
 )
+# what an ESC says of itself: true beside any other fault, of which it may be the consequence
+REPORTED = frozenset({Kind.ESC_FAULT_REPORTED, Kind.ESC_OVERHEATING})
 UNKNOWN = "unknown"  # said in place of "healthy" where no source has looked lately
 FAULTS = tuple(kind for kind in Kind if kind is not Kind.HEALTHY)

@@ -141,9 +141,9 @@ class RotorPanel:
             return []
         failed = self._failed
         said: list[Evidence] = self._commanded.rotors(reading, flies)
+        for evidence in self._attribution.rotors(reading, flies):
+            self._beliefs[evidence.rotor].feed(evidence)
         if failed is None:
-            for evidence in self._attribution.rotors(reading, flies):
-                self._beliefs[evidence.rotor].feed(evidence)
             if flies:
                 self._load.learn(reading)
                 self._frozen.rotors(reading)
@@ -177,8 +177,10 @@ class RotorPanel:
                 unbalances.append(estimate)
             if evidence is None:
                 continue
-            self._beliefs[estimate.rotor].feed(evidence)
             named = estimate.failure_probability > 0.9 or Reason.MOTOR_STOPPED in estimate.reasons
+            if (named or self._part_since) and self._frozen.doubtful(estimate.t):
+                continue  # one rotor's figures are old: the vehicle's turning accuses whichever fits
+            self._beliefs[estimate.rotor].feed(evidence)
             if named and evidence.sees_thrust:
                 told += self._judge(estimate.rotor, estimate.t)
         if unbalances:

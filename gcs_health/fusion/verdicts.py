@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from gcs_health.fusion.kinds import FAILED, FAULTS, UNKNOWN, Kind
+from gcs_health.fusion.kinds import FAILED, FAULTS, REPORTED, UNKNOWN, Kind
 from gcs_health.samples import new_tuple
 
 NAN = float("nan")
@@ -117,9 +117,12 @@ class Verdict(NamedTuple):
         return (self.kind, self.known) != (before.kind, before.known) and self.state != before.state
 
     def of(self, kinds: Iterable[Kind]) -> float:
-        """Return the probability that the rotor is in any of these states."""
+        """Return the probability that the rotor is in any of these states; reports of ESCs stand beside the rest."""
         wanted = frozenset(kinds)
-        return sum(weight for kind, weight in self.weights.items() if kind in wanted) / self.total
+        sought = sum(weight for kind, weight in self.weights.items() if kind in wanted)
+        if wanted <= REPORTED:
+            return sought / (sought + self.weights[Kind.HEALTHY])
+        return sought / (self.total - sum(self.weights[kind] for kind in REPORTED - wanted))
 
     @property
     def failed(self) -> float:
