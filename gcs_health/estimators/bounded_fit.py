@@ -57,11 +57,22 @@ class Fit:
         """Return the standard deviation of each s."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def tangle(self) -> tuple[float, Array]:
-        """Return the smallest eigenvalue of the normalised Gram matrix [-], its eigenvector's (n,) entries."""
+    def tangles(self, inseparable: float, entangled: float) -> tuple[tuple[int, ...], ...]:
+        """Return the groups of s that cannot be told apart.
+
+        Eigenvectors of the normalised Gram matrix with eigenvalues below `inseparable` [-] span what the data do
+        not see: s i and j are tied by them where the entry (i, j) of the projection on it exceeds `entangled`².
+        """
         norm = 1.0 / np.maximum(np.sqrt(self._gram.diagonal()), 1e-300)
         values, vectors = np.linalg.eigh(self._gram * norm * norm[:, None])
-        return float(values[0]), np.abs(vectors[:-1, 0])
+        unseen = vectors[:-1, values < inseparable]
+        tied = np.abs(unseen @ unseen.T) > entangled * entangled
+        groups: list[set[int]] = []
+        for i, row in enumerate(tied):
+            group = {i, *np.flatnonzero(row).tolist()} if row[i] else {i}
+            apart = [each for each in groups if not each & group]
+            groups = [*apart, group.union(*(each for each in groups if each & group))]
+        return tuple(tuple(sorted(each)) for each in groups if len(each) > 1)
 
     def cost(self, low: Array, high: Array) -> float:
         """Return what it costs to hold every s within [low, high]: a chi-square difference.

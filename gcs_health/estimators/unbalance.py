@@ -305,9 +305,10 @@ class UnbalanceEstimator:
         """Return what the last solution says of one rotor that it sees; `found` = value and its spread."""
         verdict = answer.verdict
         reasons = []
-        if rotor in answer.together:
-            joint = math.sqrt(float(answer.s()[list(answer.together)].sum())) * self._mass
-            evidence = (*evidence, ("one_of_motors", self._motors(answer.together)), ("joint", joint))
+        group = next((each for each in answer.together if rotor in each), None)
+        if group is not None:
+            joint = math.sqrt(float(answer.s()[list(group)].sum())) * self._mass
+            evidence = (*evidence, ("one_of_motors", self._motors(group)), ("joint", joint))
             return self._unknown(t, rotor, [Reason.NOT_IDENTIFIABLE], verdict.probability[rotor], evidence)
         if verdict.finding is Finding.PRESENT:
             reasons.append(Reason.NOT_IDENTIFIABLE)

@@ -87,10 +87,14 @@ class RecommendedConfig:
     flip_after: int = 4  # successive solutions that must say so; this project
     sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
     inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
-    entangled: float = 0.3  # entry of its eigenvector
+    entangled: float = 0.3  # entry of an eigenvector below it
     # without a known damage and without a baseline: an outlier among its fellows; this project
     outlier: float = 5.0  # times the next largest amplitude
     outlier_chance: float = 0.002  # that the largest of n healthy ones, Rayleigh distributed, exceeds it
+    # one that was none at the flight's beginning needs to stand out less: both must go wrong at once
+    early: float = 8.0  # s of flight that show the beginning
+    grown: float = 4.0  # times its amplitude then
+    grown_outlier: float = 3.0  # times the next largest amplitude
     least_amplitude: float = 0.3  # m/s² at hover speed; below, nobody calls it damage
     baseline_ratio: float = 2.0  # times the rotor's own baseline; this project
 

@@ -40,7 +40,7 @@ class Answer:
     leak : amplitude that the wrong direction keeps [-].
     speed : (n,) mean speeds [rad/s]. gain : (n,) of the lines.
     window, length : s, of the window and its blocks.
-    together : rotors that cannot be told apart; empty if all can.
+    together : groups of rotors that cannot be told apart; empty if all can.
     seen : (n,) smallest m_u r_u / m_b that would be seen now [m].
     largest : rotors that may be the largest: within so many standard deviations of the one that is.
     lost : factor on s that gives back what blocks so long lose of a phase that wanders [-].
@@ -55,7 +55,7 @@ class Answer:
     gain: Array
     window: float
     length: float
-    together: tuple[int, ...]
+    together: tuple[tuple[int, ...], ...]
     seen: Array
     largest: tuple[int, ...]
     lost: float
@@ -112,6 +112,7 @@ class RecommendedTracker:
         self.gate: Reason | None = None
         self._stretches: deque[Stretch] = deque()
         self._unsolved = 0
+        self._early: Array = np.zeros(0)  # s of the rotors at the flight's beginning, at most
         self.forget()
 
     def imu(self, t: float, ax: float, ay: float, airborne: bool) -> bool:
@@ -137,6 +138,10 @@ class RecommendedTracker:
             return False
         self._unsolved = 0
         self.answer = self._solve(made.t)
+        if self.answer is not None and len(self._early) == 0:
+            flown = sum(self._flies(stretch) for stretch in self._stretches) * self.tracker.stretch
+            if flown >= self.config.early:
+                self._early = self.answer.fit.s + 2.0 * self.answer.fit.std()
         return self.answer is not None
 
     def set_filter(self, new: ImuFilter) -> None:
@@ -152,6 +157,7 @@ class RecommendedTracker:
         blank = [self.tracker.blank() for _ in range(count)]
         self._stretches = deque(blank, maxlen=count)
         self._unsolved = 0
+        self._early = np.zeros(0)
         self.answer = None
         self.gate = Reason.SETTLING
 
@@ -254,12 +260,10 @@ class RecommendedTracker:
                 verdict = self._undecided(verdict, tuple(sorted((verdict.rotor, rival))))
         if verdict.finding is Finding.ROTOR and not self._sign_known:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
-        together: tuple[int, ...] = ()
-        inseparable, tangle = best.tangle()
-        if inseparable < c.inseparable:
-            together = tuple(int(i) for i in np.flatnonzero(tangle > c.entangled))
-        if verdict.rotor in together and len(together) > 1:
-            verdict = self._undecided(verdict, together)
+        together = best.tangles(c.inseparable, c.entangled)
+        for group in together:
+            if verdict.rotor in group:
+                verdict = self._undecided(verdict, group)
         leak = NAN
         if other is not None and best.s.sum() > 0.0:
             leak = math.sqrt(other.s.sum() / best.s.sum())
@@ -305,7 +309,9 @@ class RecommendedTracker:
         b = int(np.argmax(best.s))
         others = np.delete(best.s + 2.0 * best.std(), b)
         least = float(np.max(c.least_amplitude / speed**2)) ** 2
-        healthy = np.full(n, max(self._outlier * float(others.max()), least))
+        grown = len(self._early) == n and best.s[b] > c.grown**2 * self._early[b]
+        outlier = min(self._outlier, c.grown_outlier**2) if grown else self._outlier
+        healthy = np.full(n, max(outlier * float(others.max()), least))
         return healthy, 2.0 * healthy, 1.0 - c.outlier_chance
 
 

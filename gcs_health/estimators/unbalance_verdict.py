@@ -12,8 +12,9 @@ chance that the largest of n exceeds the next by more than sqrt(c) in amplitude 
 
     P = prod_{j=2..n} j / (j + c - 1)
 
-(spacings of exponential order statistics). c is what makes P = 0.002, and at least 25. A rotor that cannot be
-told from another might share its power equally, so it is no outlier. No absolute threshold carries over from
+(spacings of exponential order statistics). c is what makes P = 0.002, and at least 25; 9 for a rotor whose
+amplitude has grown fourfold since the flight's first seconds. A rotor that cannot be told from another might share
+its power equally, so it is no outlier. No absolute threshold carries over from
 craft to craft: a healthy Bebop 2 shakes more than a damaged 690 g quadrotor.
 
 Source: sheet 2 section 5; sheet 5 section 5 on thresholds.

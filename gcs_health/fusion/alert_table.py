@@ -72,7 +72,7 @@ OF_KIND: dict[Kind, AlertKind] = {
         4,
         "motor {motor} ({seat}): propeller unbalanced{amount}, {percent} % sure",
         _SERVICE + "balance or change the propeller.",
-        clear_after=10.0,
+        clear_after=60.0,  # it does not heal in the air: what hides it for a while is the flight
         unnamed="a propeller is unbalanced, which one cannot be told, {percent} % sure",
     ),
     Kind.DRAG_RISEN: AlertKind(
