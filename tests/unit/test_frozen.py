@@ -58,3 +58,12 @@ def test_a_rotor_that_is_not_in_a_reading_is_no_repetition() -> None:
         speed[k % 2] = math.nan
         frozen.rotors(RotorReading(k / 50.0, tuple(speed), NAN, NAN))
     assert not any(frozen.holds(i, 12.0) for i in range(4))
+
+
+def test_a_doubt_comes_sooner_and_goes_with_the_first_change() -> None:
+    frozen = Frozen(4)
+    told(frozen, 8.42, 0.1, stuck_from=8.0)
+    assert frozen.doubtful(8.5)
+    assert not any(frozen.holds(i, 8.5) for i in range(4))
+    told(frozen, 9.0, 0.1, stuck_from=math.inf)
+    assert not frozen.doubtful(9.0)

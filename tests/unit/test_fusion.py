@@ -215,6 +215,46 @@ def test_acknowledged_once_and_shelved_until_it_gets_graver() -> None:
     assert steps(desk.feed(verdict(9.0, Kind.PROPELLER_LOST, 0.95))) == [("escalated", "PROPELLER_LOST", 1)]
 
 
+def test_kinds_as_grave_do_not_take_turns_and_a_graver_one_does_not_wait() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.MOTOR_STOPPED, 0.95))
+    for k in range(1, 9):
+        kind = Kind.MOTOR_STUCK if k % 2 else Kind.MOTOR_STOPPED
+        assert desk.feed(verdict(1.0 + 0.1 * k, kind, 0.95)) == []
+    assert desk.feed(verdict(2.0, Kind.MOTOR_STUCK, 0.95)) == []
+    assert steps(desk.feed(verdict(2.4, Kind.MOTOR_STUCK, 0.95))) == [("escalated", "MOTOR_STUCK", 1)]
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_SLIPPING, 0.95))
+    assert steps(desk.feed(verdict(1.1, Kind.PROPELLER_LOST, 0.95))) == [("escalated", "PROPELLER_LOST", 1)]
+
+
+def test_a_rotor_that_seemed_to_fail_and_has_anothers_telemetry_is_one_episode() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_SLIPPING, 0.95))
+    told = desk.feed(verdict(1.5, Kind.ESC_MISATTRIBUTED, 0.95))  # two sources say so: no hold
+    assert steps(told) == [("escalated", "ESC_MISATTRIBUTED", 1)]
+    assert desk.failed is None
+    assert desk.feed(verdict(1.6, Kind.ESC_MISATTRIBUTED, 0.95, rotor=2)) == []  # the other of the two
+
+
+def test_a_named_loss_whose_speed_is_anothers_is_no_failure() -> None:
+    named = from_estimate(estimate(0.1, 0.05, 0.99))
+    exchanged = Evidence(1.0, 0, "attribution", ((Kind.ESC_MISATTRIBUTED, BOUND),))
+    assert judged(named).failed > 0.9
+    assert judged(named).of({Kind.ESC_MISATTRIBUTED}) < 0.01
+    assert judged(named, exchanged).of({Kind.ESC_MISATTRIBUTED}) > 0.99
+
+
+def test_an_esc_that_what_rubs_has_heated_is_told_beside_it() -> None:
+    rubs = Evidence(1.0, 0, "motor_observer drag", ((Kind.DRAG_RISEN, BOUND),))
+    info = EscInfo(1, 1, 290, 0, 0, 0, 4, 0, 5, 15, (0,) * 4, (0,) * 4, (125.0, 50.0, 50.0, 50.0))
+    hot = esc_info(1.0, 0, 0, info, 0.0)
+    both = judged(rubs, hot)
+    assert both.of({Kind.DRAG_RISEN}) == pytest.approx(judged(rubs).of({Kind.DRAG_RISEN}), abs=1e-3)
+    assert both.of({Kind.ESC_OVERHEATING}) == pytest.approx(judged(hot).of({Kind.ESC_OVERHEATING}), abs=1e-3)
+    assert min(both.of({Kind.DRAG_RISEN}), both.of({Kind.ESC_OVERHEATING})) > 0.9
+
+
 def test_a_new_flight_clears_what_is_open() -> None:
     desk = AlertDesk(airframe(4))
     desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95))
@@ -276,7 +316,7 @@ def test_once_a_rotor_is_named_the_same_episode_is_its() -> None:
     assert (named.state, named.number, named.rotor) == ("escalated", 1, airframe(4).rotors[2])
     assert desk.feed(shared(3.0, 0.95)) == []  # explained by the named one
     (over,) = desk.feed(verdict(20.0, Kind.HEALTHY, 0.0, rotor=2)) or desk.feed(
-        verdict(31.0, Kind.HEALTHY, 0.0, rotor=2)
+        verdict(81.0, Kind.HEALTHY, 0.0, rotor=2)
     )
     assert over.state == "cleared"
 
@@ -285,10 +325,10 @@ def test_an_alert_of_no_rotor_clears_and_a_failed_rotor_explains_it() -> None:
     desk = AlertDesk(airframe(4))
     desk.feed(shared(1.0, 0.95))
     assert desk.feed(shared(2.0, 0.02)) == []
-    (over,) = desk.feed(shared(12.5, 0.02))
+    (over,) = desk.feed(shared(62.5, 0.02))
     assert (over.state, over.text) == ("cleared", "PROPELLER_UNBALANCED is over")
-    desk.feed(verdict(13.0, Kind.PROPELLER_LOST, 0.95, rotor=1))
-    assert desk.feed(shared(14.0, 0.99)) == []
+    desk.feed(verdict(63.0, Kind.PROPELLER_LOST, 0.95, rotor=1))
+    assert desk.feed(shared(64.0, 0.99)) == []
 
 
 PART = estimate(0.6, 0.05, 0.5, evidence=(("rule", "partial_loss"),))  # as effectiveness says it for 2 s

@@ -41,6 +41,7 @@ def flight(
     cutoff: float = NAN,
     speeds: bool = True,
     hz: float = HOVER / (2.0 * math.pi),
+    before: tuple[float, list[float]] = (0.0, []),
 ) -> Iterator[Reading]:
     """Yield a flight whose rotor speeds differ by `spread` and wander by `wander`; no vehicle, just its shaking."""
     rng = np.random.default_rng(seed)
@@ -53,7 +54,9 @@ def flight(
     w = usual * (1.0 + moves)
     phase = np.cumsum(w, axis=0) * dt + rng.uniform(0.0, 6.28, n)
     spin = np.array([rotor.spin for rotor in craft.rotors])
-    a = (np.array(unbalance) / MASS * w**2 * np.exp(-1j * spin * phase)).sum(axis=1)
+    until, other = before  # until when the unbalance was another one
+    each = np.where((t < until)[:, None], other or unbalance, unbalance)
+    a = (each / MASS * w**2 * np.exp(-1j * spin * phase)).sum(axis=1)
     if cutoff == cutoff:
         a = a / math.hypot(1.0, (HOVER / (2.0 * math.pi * cutoff)) ** 2)
     a = a + 0.5 * (rng.standard_normal(len(t)) + 1j * rng.standard_normal(len(t)))
@@ -126,6 +129,18 @@ def test_without_known_damage_an_outlier_is_named_and_a_healthy_spread_is_not() 
         UnbalanceConfig(baseline=baseline),
     )
     assert [e.failure_probability > 0.9 for e in told] == [False, True, False, False]
+
+
+def test_damage_that_came_in_the_flight_needs_to_stand_out_less() -> None:
+    craft, unbalance = airframe(4), [0.25 * DAMAGE, DAMAGE, 0.1 * DAMAGE, 0.0]
+    always = judged(craft, flight(craft, unbalance, 40.0), UnbalanceConfig())
+    assert not any(e.failure_probability > 0.9 for e in always)  # four times the next is no outlier
+    healthy = [0.25 * DAMAGE, 0.1 * DAMAGE, 0.1 * DAMAGE, 0.0]
+    came = judged(craft, flight(craft, unbalance, 40.0, before=(15.0, healthy)), UnbalanceConfig())
+    assert [e.failure_probability > 0.9 for e in came] == [False, True, False, False]
+    grown = [4.0 * u for u in healthy]  # all of them: none stands out
+    shaken = judged(craft, flight(craft, grown, 40.0, before=(15.0, healthy)), UnbalanceConfig())
+    assert not any(e.failure_probability > 0.9 for e in shaken)
 
 
 def test_spins_told_the_wrong_way_round_are_found_out() -> None:
