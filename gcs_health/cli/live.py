@@ -133,7 +133,9 @@ class Session:
         self._output.write(events, at_once=True)
 
     def close(self) -> None:
-        """End of the session: the rest, and the summaries."""
+        """End of the session: what is not worked off yet, and the summaries."""
+        for packet in self._links.rest():
+            self._take(self._monitor.feed(packet.data, packet.receive_us, packet.source), packet.receive_us)
         self._output.write(self._monitor.finish(), at_once=True)
 
     def _tell(self, since_start_us: int) -> None:

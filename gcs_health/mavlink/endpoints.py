@@ -10,24 +10,16 @@ import selectors
 import socket
 import time
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from gcs_health.errors import EndpointError
+from gcs_health.mavlink.backlog import FETCH_EVERY, Backlog, Packet
 from gcs_health.mavlink.spellings import Endpoint
 
 RECEIVE_BUFFER = 4 << 20  # bytes in the kernel: a slow moment must not lose datagrams
 CHUNK = 1 << 16
-AT_ONCE = 256  # datagrams read in one go
-BEHIND = 2.0  # s of never reaching a link's end until that is told
+AT_ONCE, READS = 256, 16  # datagrams read in one go, and goes before another link has its turn
 RETRY = 1.0  # s between attempts to get a lost link back
-
-
-class Packet(NamedTuple):
-    """Bytes of one source (an endpoint, or one peer of it), received at UNIX µs; empty = time went by."""
-
-    source: str
-    data: bytes
-    receive_us: int
 
 
 def now_us() -> int:
@@ -268,7 +260,7 @@ _LINKS: dict[str, Any] = {
 class Links:
     """Several open endpoints read as one; a context manager.
 
-    `notices` collects what is to be told: links lost and back, each once.
+    `notices` collects what is to be told: links lost and back, and that the reader is slow, each once.
     """
 
     def __init__(self, endpoints: list[Endpoint]) -> None:
@@ -276,8 +268,7 @@ class Links:
         self._links: list[Link] = []
         self._down: set[str] = set()
         self._next_try = 0.0
-        self._behind_since: dict[str, float] = {}
-        self._behind_told: set[str] = set()
+        self._backlog = Backlog()
         self._selector = selectors.DefaultSelector()  # made once: at a thousand datagrams a second it is felt
         self._watched: list[int] = []
         self._watched_of_all: list[int] = []
@@ -298,12 +289,18 @@ class Links:
         """Yield what arrives, and an empty packet at least every `tick` seconds; for ever."""
         while True:
             self._mend()
-            for link in self._ready(tick):
-                got = link.read()
-                self._note_backlog(link, len(got) >= AT_ONCE)
-                for source, data in got:
-                    yield Packet(source, data, now_us())
-            yield Packet("", b"", now_us())
+            fetched = self._fetch(tick)
+            told = fetched
+            while self._backlog and fetched - told < tick:
+                yield self._backlog.take()
+                if time.monotonic() - fetched > FETCH_EVERY:
+                    fetched = self._fetch(0.0)
+            yield Packet("", b"", self._backlog.since_us if self._backlog else now_us())
+
+    def rest(self) -> Iterator[Packet]:
+        """Yield what was received before and not given yet; nothing new."""
+        while self._backlog:
+            yield self._backlog.take()
 
     def send(self, data: bytes) -> None:
         """Send on every link that knows whom to."""
@@ -316,27 +313,29 @@ class Links:
         for link in self._links:
             link.close()
 
-    def _note_backlog(self, link: Link, more: bool) -> None:
-        """Tell, once a link, that more comes than is worked off: the kernel's buffer is what is left."""
-        if not more:
-            self._behind_since.pop(link.text, None)
-            return
-        now = time.monotonic()
-        since = self._behind_since.setdefault(link.text, now)
-        if now - since > BEHIND and link.text not in self._behind_told:
-            self._behind_told.add(link.text)
-            self.notices.append(
-                f"{link.text}: this computer does not keep up with what comes: what is said is late, and what "
-                "exceeds the kernel's receive buffer is lost before it can be recorded"
-            )
+    def _fetch(self, wait: float) -> float:
+        """Take in what is there, waiting at most so long [s] for the first; return when that was [s]."""
+        if not self._backlog.full:
+            for link in self._ready(wait):
+                for _ in range(READS):
+                    got = link.read()
+                    now = now_us()
+                    for source, data in got:
+                        self._backlog.add(Packet(source, data, now))
+                    if len(got) < AT_ONCE:
+                        break
+        notice = self._backlog.notice(now_us())
+        if notice:
+            self.notices.append(notice)
+        return time.monotonic()
 
     def _ready(self, tick: float) -> list[Link]:
         blind = [link for link in self._links if link.fileno() < 0 and not link.lost]
         self._watch()
         if not self._watched:
-            time.sleep(0.01 if blind else tick)
+            time.sleep(min(0.01, tick) if blind else tick)
             return blind  # cannot be waited for: looked at every 10 ms
-        ready = self._selector.select(0.01 if blind else tick)
+        ready = self._selector.select(min(0.01, tick) if blind else tick)
         return [key.data for key, _ in ready] + blind
 
     def _watch(self) -> None:

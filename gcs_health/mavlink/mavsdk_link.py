@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from gcs_health.errors import EndpointError
+from gcs_health.mavlink.backlog import Packet
 from gcs_health.mavlink.dialect import Dialect, default_dialect
 from gcs_health.mavlink.encoder import pack, payload_of
-from gcs_health.mavlink.endpoints import Packet, now_us
+from gcs_health.mavlink.endpoints import now_us
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.mavlink.requests import SET_MESSAGE_INTERVAL
 from gcs_health.mavlink.spellings import Endpoint
@@ -92,12 +93,19 @@ class MavsdkLinks:
             except queue.Empty:
                 came = []
             for receive_us, message in came:
-                frame = self.frame(
-                    message.message_name, message.system_id, message.component_id, message.fields_json
-                )
-                if frame:
-                    yield Packet("mavsdk", frame, receive_us)
+                yield from self._packet(receive_us, message)
             yield Packet("", b"", now_us())
+
+    def rest(self) -> Iterator[Packet]:
+        """Yield what was received before and not given yet; nothing new."""
+        while not self._came.empty():
+            yield from self._packet(*self._came.get_nowait())
+
+    def _packet(self, receive_us: int, message: Any) -> Iterator[Packet]:
+        head = message.message_name, message.system_id, message.component_id
+        frame = self.frame(*head, message.fields_json)
+        if frame:
+            yield Packet("mavsdk", frame, receive_us)
 
     def send(self, data: bytes) -> None:
         """Send frames of ours through MAVSDK; commands wait for their acknowledgement on a thread."""

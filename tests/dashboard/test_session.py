@@ -22,8 +22,8 @@ from gcs_health.dashboard.interface import Worker
 from gcs_health.dashboard.snapshot import Entry, Level, Snapshot
 from gcs_health.dashboard.watch import Watch
 from gcs_health.errors import ConfigError
+from gcs_health.mavlink.backlog import Packet
 from gcs_health.mavlink.dialect import default_dialect
-from gcs_health.mavlink.endpoints import Packet
 from gcs_health.mavlink.frames import FrameDecoder
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.samples import FlightReading
@@ -48,6 +48,9 @@ class Air:
         for k, (stamp, frame) in enumerate(self._frames):
             yield Packet(self._source(k), frame, stamp)
         yield Packet("", b"", self._frames[-1][0] + 4 * S)
+
+    def rest(self) -> Iterator[Packet]:
+        yield from ()
 
     def send(self, data: bytes) -> None:
         self.sent.append(data)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from gcs_health.cli import main
+from gcs_health.mavlink.backlog import Backlog, Packet
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.endpoints import Links
 from gcs_health.mavlink.frames import FrameDecoder
@@ -64,6 +65,34 @@ def test_tcp_is_heard_and_a_dropped_link_is_told_once_and_comes_back() -> None:
             second.close()
             assert sources == {(f"tcpout://127.0.0.1:{port} 2", b"again")}
             assert [n.split(": ", 1)[1][:9] for n in links.notices] == ["link lost", "link is b"]
+
+
+def test_a_slow_moment_loses_nothing_and_what_waits_is_given_at_the_end() -> None:
+    port = free_port()
+    with (
+        Links([parse_endpoint(f"udpin://127.0.0.1:{port}")]) as links,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        sent = [f"{k}".encode() for k in range(3000)]
+        got: list[bytes] = []
+        packets = links.packets(0.02)
+        for at in range(0, len(sent), 100):  # as many as any kernel holds
+            for data in sent[at : at + 100]:
+                sender.sendto(data, ("127.0.0.1", port))
+            time.sleep(0.012)  # the reader is slow: it takes one, and more come meanwhile
+            got += [next(p.data for p in packets if p.data)]
+        got += [packet.data for packet in links.rest()]
+        assert got == sent
+
+
+def test_a_reader_that_is_late_is_told_so_once() -> None:
+    backlog = Backlog()
+    backlog.add(Packet("a", b"x", 1_000_000))
+    assert backlog.notice(2_900_000) == ""
+    assert "does not keep up" in backlog.notice(3_100_000)
+    assert backlog.notice(9_000_000) == ""
+    assert backlog.take() == Packet("a", b"x", 1_000_000)
+    assert not backlog
 
 
 @pytest.mark.parametrize(
