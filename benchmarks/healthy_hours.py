@@ -98,14 +98,13 @@ def _landings(draw: Draw) -> list[str]:
 
 
 def _payload(draw: Draw) -> list[str]:
+    """Mass as a share of the vehicle's, until `scenario` multiplies by that."""
     return [
         f"trajectory.kind={'random' if draw(0, 1) < 0.5 else 'hover'}",
         f"trajectory.height={draw(5, 15)}",
         f"wind.speed={draw(0, 4)}",
-        f"payload.share={draw(0.05, 0.25)}",
-        f"payload.ahead={draw(-0.03, 0.03)}",
-        f"payload.right={draw(-0.03, 0.03)}",
-        f"payload.below={draw(0.02, 0.08)}",
+        f"payload.mass={draw(0.05, 0.25)}",
+        f"payload.position=[{draw(-0.03, 0.03)}, {draw(-0.03, 0.03)}, {draw(0.02, 0.08)}]",
         f"payload.dropped_at={draw(20, 55)}",
     ]
 
@@ -133,6 +132,9 @@ def scenario(kind: str, vehicle: str, seed: int) -> Scenario:
     changes += [f"telemetry.rates.{name}={FASTEST:g}" for name in MESSAGES]
     changes += [f"sensors.esc_rate={FASTEST:g}", f"sensors.imu_integration_rate={FASTEST:g}"]
     flight = load_scenario("healthy_quad", changes)
+    if flight.payload.mass:
+        heavy = flight.payload.mass * flight.vehicle.mass
+        flight = replace(flight, payload=replace(flight.payload, mass=heavy))
     if kind == "battery sag":
         battery = flight.vehicle.battery
         small = replace(battery, capacity=battery.capacity * SMALL_BATTERY[vehicle])
