@@ -9,7 +9,7 @@ whole monitor. A round has some four minutes of every kind with both vehicles. A
 severity, at any time of the log, under the code that it has escalated to. Hours count while the monitor holds that
 the vehicle flies. Rates per hour: none seen in T hours bounds the rate by 3/T (95 %); else Garwood's upper bound.
 
-With `--results` flights already in that file are not flown again. Seeds 61000 and above were looked at; report others.
+With `--results` flights already in that file are not flown again. Seeds from 61000 on were looked at.
 """
 
 import argparse
@@ -220,7 +220,9 @@ def table(results: list[Heard]) -> None:
             many = cells["all", rates]
             hours = sum(one.hours for one in many)
             count = sum(alarm.severity in worst for one in many for alarm in one.alarms)
-            print(f"| {name} | {rates} | {hours:.2f} | {count} | {count / hours:.2f} | {most(count, hours)} |")
+            print(
+                f"| {name} | {rates} | {hours:.2f} | {count} | {count / hours:.2f} | {most(count, hours)} |"
+            )
 
 
 def look(kind: str, vehicle: str, seed: int, rates: list[str], log: Path | None) -> None:

@@ -177,7 +177,9 @@ class Plant:
             rotor.w = now = high(w + dt * rise, 0.0) * rotor.free
             rotor.acceleration = acceleration = (now - w) * rate
             rotor.phase = rotor.phase + half * (w + now)
-            rotor.lift = force = high(thrust * rotor.eta_t * rotor.churn * now * (now + rotor.climb * axial), 0.0)
+            rotor.lift = force = high(
+                thrust * rotor.eta_t * rotor.churn * now * (now + rotor.climb * axial), 0.0
+            )
             lift = lift + force
             roll = roll - rotor.y * force
             pitch = pitch + rotor.x * force
