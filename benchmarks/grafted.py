@@ -2,12 +2,13 @@
 
     python benchmarks/grafted.py ../shared/data --moments 3 --seed 62000 > benchmarks/grafted.md
 
-Every flight is received whole up to moments at which verdicts may be given, drawn from the seed. From a copy of the
-monitor at each, every fault goes on on every rotor, written into the bytes by `gcs_health.simulate.graft`; a flight's
-answer is the code that its first alert on that rotor has escalated to within 6 s, or within 20 s for what makes
-nothing fall, or before the recording ends. Delays are from the fault to the first alert, beside those of the fastest single
-estimator that names the rotor. Trials at one moment, and rotors of one flight, are not independent: read the
-intervals (95 %, Wilson) as somewhat narrow. What no flight can carry is said below the tables, with the reason.
+Every flight is received whole up to moments at which verdicts may be given, drawn from the seed. From a copy of
+the monitor at each, every fault goes on on every rotor, written into the bytes by `gcs_health.simulate.graft`; a
+flight's answer is the code that its first alert on that rotor has escalated to within 6 s, or within 20 s for what
+makes nothing fall, or before the recording ends. Delays are from the fault to the first alert, beside those of the
+fastest single estimator that names the rotor. Trials at one moment, and rotors of one flight, are not independent:
+read the intervals (95 %, Wilson) as somewhat narrow. What no flight can carry is said below the tables, with the
+reason.
 
 The rules were tuned on some of these very flights without a fault in them (`real_flights.md`); no fault was.
 """

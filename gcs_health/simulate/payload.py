@@ -14,7 +14,7 @@ from gcs_health.simulate.plant import Plant
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """A load of `mass` [kg] at `position` [m, forward right down of the centre of mass]; `dropped_at` [s] of flight."""
+    """A load: mass [kg], position [m, forward right down of the centre of mass], when it is dropped [s of flight]."""
 
     mass: float = 0.0
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
