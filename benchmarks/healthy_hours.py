@@ -7,8 +7,8 @@ Every flight takes off, does what its kind says and lands; vehicle, wind and wha
 alone. It is flown once at the highest rates and its messages thinned out to the others, each received through the
 whole monitor. A round has some two minutes of every kind with each vehicle; twenty are ten hours. An alarm is one id
 of an alert of any severity, at any time of the log, under the code that it has escalated to. Hours count while the
-monitor holds that the vehicle flies. Rates per hour: none seen in T hours bounds the rate by 3/T (95 %); else Garwood's
-upper bound.
+monitor holds that the vehicle flies. Rates per hour: none seen in T hours bounds the rate by 3/T (95 %); else
+Garwood's upper bound.
 
 With `--results` flights already in that file are not flown again. Seeds from 61000 on were looked at.
 """
