@@ -41,8 +41,8 @@ from gcs_health.simulate.telemetry import BOOTED
 
 FASTEST = 250.0  # Hz
 DURATION, BROKEN_AT, WITHIN = 27.0, (13.0, 20.0), 6.0  # s
-# fault of the simulator, its size, the kind that it is
-FAULTS: dict[str, tuple[str, float, Kind]] = {
+Faults = dict[str, tuple[str, float, Kind]]  # fault of simulator or graft, its size, the kind that it is
+FAULTS: Faults = {
     "propeller lost": ("propeller_lost", math.nan, Kind.PROPELLER_LOST),
     "40 % of the thrust lost": ("effectiveness", 0.6, Kind.THRUST_LOSS),
     "motor stopped": ("motor_stopped", math.nan, Kind.MOTOR_STOPPED),
@@ -75,7 +75,7 @@ class Seen:
     beliefs: list[tuple[float, bool]] = field(default_factory=list)
 
 
-class _Listener(RotorPanel):
+class Listener(RotorPanel):
     """Notes when single estimators name a rotor; given back by `named` and emptied."""
 
     named: list[tuple[float, int]] = []  # noqa: RUF012, one process flies one flight at a time
@@ -145,12 +145,12 @@ def seen(log: bytes, kind: Kind, at: float, rotor: int, within: float) -> Seen:
             if t >= moment and name not in looks:
                 looks[name] = list(verdicts)
 
-    _Listener.named.clear()
+    Listener.named.clear()
     monitor = Monitor(MonitorConfig(stamped=True, verdict_tap=tap))
     events = monitor.feed(log) + monitor.finish()
     steps = [e for e in events if isinstance(e, AlertEvent) and e.state in ("raised", "escalated")]
-    _sort(out, steps, kind, at, rotor, within)
-    named = [t - at for t, which in _Listener.named if which == rotor and t >= at]
+    sort_alerts(out, steps, kind, at, rotor, within)
+    named = [t - at for t, which in Listener.named if which == rotor and t >= at]
     out.single = min(named, default=math.nan)
     out.hours = (flying[-1] - flying[0]) / 3600.0 if flying else 0.0
     for name, verdicts in looks.items():
@@ -162,7 +162,7 @@ def seen(log: bytes, kind: Kind, at: float, rotor: int, within: float) -> Seen:
     return out
 
 
-def _sort(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int, within: float) -> None:
+def sort_alerts(out: Seen, steps: list[AlertEvent], kind: Kind, at: float, rotor: int, within: float) -> None:
     """Tell alerts before the fault, on its rotor and on others apart."""
     mine: dict[str, str] = {}
     others: dict[str, str] = {}
@@ -187,7 +187,7 @@ def one(task: tuple[str, str, int, list[str]]) -> list[tuple[str, str, str, Seen
     """Fly once, listen at all rates."""
     import gcs_health.vehicle_monitor as vehicle_monitor
 
-    vehicle_monitor.RotorPanel = _Listener  # type: ignore[misc]
+    vehicle_monitor.RotorPanel = Listener  # type: ignore[misc]
     vehicle, fault, seed, rates = task
     frames, at, rotor = flown(vehicle, fault, seed)
     kind = FAULTS[fault][2] if fault in FAULTS else Kind.HEALTHY
@@ -204,7 +204,7 @@ def share(k: int, n: int) -> str:
     return f"{k}/{n} ({100 * low:.0f}-{100 * high:.0f} %)"
 
 
-def table(results: list[tuple[str, str, str, Seen]]) -> None:
+def table(results: list[tuple[str, str, str, Seen]], faults: Faults = FAULTS) -> None:
     """Print detection, kind and delays by vehicle, fault and rates."""
     head = "| vehicle | fault | rates | alarm on the rotor | kind right | open | another's | median ms | single ms |"
     print(head + "\n" + "|---" * 9 + "|")
@@ -212,10 +212,10 @@ def table(results: list[tuple[str, str, str, Seen]]) -> None:
     for vehicle, fault, rates, one_seen in results:
         cells[vehicle, fault, rates].append(one_seen)
     for (vehicle, fault, rates), flights in cells.items():
-        if fault not in FAULTS:
+        if fault not in faults:
             continue
         well = [each for each in flights if not each.false]
-        code = OF_KIND[FAULTS[fault][2]].code
+        code = OF_KIND[faults[fault][2]].code
         found = [each for each in well if each.code]
         right = sum(each.code == code for each in found)
         still = sum(each.code == "ROTOR_FAILED" for each in found)
@@ -229,11 +229,11 @@ def table(results: list[tuple[str, str, str, Seen]]) -> None:
         )
 
 
-def confusion(results: list[tuple[str, str, str, Seen]]) -> None:
+def confusion(results: list[tuple[str, str, str, Seen]], faults: Faults = FAULTS) -> None:
     """Print what was said of each kind, all vehicles and rates together."""
     said: dict[str, Counter[str]] = defaultdict(Counter)
     for _, fault, _, each in results:
-        if fault in FAULTS and not each.false:
+        if fault in faults and not each.false:
             said[fault][each.code or "nothing"] += 1
     codes = [code for code in (*CATALOGUE, "nothing") if any(row[code] for row in said.values())]
     print(f"\n| what it was | {' | '.join(codes)} |\n|---|{'---|' * len(codes)}")

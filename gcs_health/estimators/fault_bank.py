@@ -44,6 +44,8 @@ class BankConfig:
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
     knock: float = 0.8 * GRAVITY  # m/s², largest upward excess of one tick in it
+    gain_low: float = -0.6  # how wrong a gain that is not learned may be, as EffectivenessPrior.bounds
+    gain_high: float = 1.5
     model_error: tuple[float, float] = (0.02, 0.5)  # share of a rotor's part, and per relative change of u
 
 
@@ -52,7 +54,7 @@ class Verdict(NamedTuple):
 
     rotor: int
     llr: float
-    lead: float  # over the second rotor, or over 0
+    lead: float  # over the second rotor, over wrong gains, or over 0
     theta: float  # unclipped
     std: float  # of theta, 1 / sqrt(D)
     share: float  # 2 LLR / Q
@@ -78,7 +80,7 @@ class FaultBank:
         # so many sigmas that the largest of L ticks of noise exceeds them once in twenty windows
         chance = [1.0 - 0.95 ** (1.0 / length) for length in range(1, config.max_ticks + 1)]
         self._knock_sigmas = [math.inf, *[NormalDist().inv_cdf(1.0 - p) for p in chance]]
-        self._table: Array = np.zeros((4 * config.max_ticks, 2 * rotors + 1))  # one row a tick, newest last
+        self._table: Array = np.zeros((4 * config.max_ticks, 2 * rotors + 5))  # one row a tick, newest last
         self.clear()
 
     def clear(self) -> None:
@@ -88,6 +90,7 @@ class FaultBank:
         self._waiting_final = 0
         self._excess: list[float] = []  # upward excess of each tick [m/s²], as many as `ticks`
         self._provisional = 0
+        self._doubt = (0.0, 0.0)  # of roll and pitch gains, the newest tick's
         self.final_ticks = 0
 
     @property
@@ -102,6 +105,7 @@ class FaultBank:
         """
         waiting = self._waiting
         waiting.append(tick)
+        self._doubt = tick.doubt
         if len(waiting) > self.config.max_ticks:
             del waiting[0]
         self._waiting_final = len(waiting)
@@ -135,7 +139,7 @@ class FaultBank:
         return min(ticks, max(c.min_ticks, round(c.window / tick_length))) if ticks >= c.min_ticks else 0
 
     def _sums(self, last: int) -> Array:
-        """Return [N_1 .. N_n, D_1 .. D_n, Q] over the last 1, 2 .. `last` ticks, a row each."""
+        """Return sums of `contributions` over the last 1, 2 .. `last` ticks, a row each."""
         if self._waiting:
             self._fill()
         newest_first = self._table[self._end - last : self._end][::-1]
@@ -191,6 +195,8 @@ class FaultBank:
         ticks = row + first + 1
         q = float(sums[row, 2 * n])
         loss = float(free[row, rotor])
+        if self._doubt[0] or self._doubt[1]:
+            second = max(second, self._gains(sums[row, 2 * n + 1 :].tolist()))
         share = 2.0 * top / q if q > 0.0 else 0.0
         chi2 = (q - 2.0 * top) / max(self.rows * ticks - 1, 1)
         passes = (
@@ -202,6 +208,22 @@ class FaultBank:
         )
         std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
         return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)
+
+    def _gains(self, sums: list[float]) -> float:
+        """Return the log likelihood ratio of "no rotor, but roll and pitch gains not yet learned are wrong".
+
+        A wrong gain is the same in all ticks of a window, which the noise of each tick cannot stand for: the
+        first hard manoeuvre after a calm climb would name the rotor that moved most. With m = gain / prior - 1
+        of variance doubt²:  max over m of  m N - m² (D + 1 / doubt²) / 2, m within `gain_low` .. `gain_high`.
+        """
+        c = self.config
+        out = 0.0
+        for axis, doubt in enumerate(self._doubt):
+            if doubt > 0.0:
+                N, D = sums[axis], sums[2 + axis] + 1.0 / (doubt * doubt)
+                more = min(max(N / D, c.gain_low), c.gain_high)
+                out += more * (N - 0.5 * more * D)
+        return out
 
     def _lift_plausible(self, ticks: int, sigma: float) -> bool:
         """Whether no upward push lies in the window: a lost rotor only removes lift.

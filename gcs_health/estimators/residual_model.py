@@ -121,7 +121,7 @@ def calm(tick: Evidence, limit: float) -> bool:
 
 
 def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Array:
-    """Return (k, 2n + 1) rows [n_1 .. n_n, d_1 .. d_n, q] of k ticks for the fault bank.
+    """Return (k, 2n + 5) rows [n_1 .. n_n, d_1 .. d_n, q, then n and d of roll's and pitch's gains] of k ticks.
 
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
@@ -141,14 +141,17 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     h2 = h * h
     share = np.abs(u1 - u0) / (mean + 1.0) * (error[1] + bend) + error[0]
     model = np.add.reduce(h2 * (share * share)[:, None, :], axis=2)
-    model[:, :2] += (doubt * np.add.reduce(h[:, :2], axis=2)) ** 2
+    net = np.add.reduce(h[:, :2], axis=2)
+    model[:, :2] += (doubt * net) ** 2
     weight = 1.0 / (variances * inflation + model)
     r = e - offset
     weighted = r * weight
-    out = np.empty((len(ticks), 2 * n + 1))
+    out = np.empty((len(ticks), 2 * n + 5))
     out[:, :n] = -np.add.reduce(weighted[:, :, None] * h, axis=1)
     out[:, n : 2 * n] = np.add.reduce(weight[:, :, None] * h2, axis=1)
     out[:, 2 * n] = np.add.reduce(weighted * r, axis=1)
+    out[:, 2 * n + 1 : 2 * n + 3] = weighted[:, :2] * net
+    out[:, 2 * n + 3 :] = weight[:, :2] * net * net
     return out
 
 

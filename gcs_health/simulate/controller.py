@@ -45,7 +45,7 @@ class Controller:
     """Turns goal and state into rotor speeds; `allocate` takes a new set of rotors to use.
 
     `thrust_axis` is where body z should point, in the world; `turn` the wanted body rates [rad/s];
-    `yaw_integral` the yaw rate loop's integral as a share of its limit.
+    `yaw_integral` the yaw rate loop's integral as a share of its limit; `mass` what it took off with [kg].
     """
 
     def __init__(self, vehicle: SimVehicle, ops: Arithmetic, dt: float, zero: Value, gains: Gains) -> None:
@@ -56,6 +56,7 @@ class Controller:
         self._push = [zero, zero, zero]  # velocity integral [m/s²]
         self._trim = [zero, zero, zero]  # rate integral [rad/s²]
         self._gyro = [zero, zero, zero]
+        self.mass = zero + vehicle.mass
         self.wanted: list[Value] = [zero] * len(vehicle.rotors)
         self.thrust_axis: tuple[Value, Value, Value] = (zero, zero, zero + 1.0)
         self.turn: tuple[Value, Value, Value] = (zero, zero, zero)
@@ -89,7 +90,7 @@ class Controller:
         limit = ops.minimum(1.0, goal.tilt * -az / flat)
         ax, ay = ax * limit, ay * limit
         size = ops.sqrt(ax * ax + ay * ay + az * az)
-        lift = plant.mass * ops.maximum(-(ax * z1 + ay * z2 + az * z3), 0.2 * GRAVITY)
+        lift = self.mass * ops.maximum(-(ax * z1 + ay * z2 + az * z3), 0.2 * GRAVITY)
         self.thrust_axis = d1, d2, d3 = -ax / size, -ay / size, -az / size
         # z_b x z_b* is the turn that is missing, in the world
         e1, e2, e3 = z2 * d3 - z3 * d2, z3 * d1 - z1 * d3, z1 * d2 - z2 * d1

@@ -111,7 +111,14 @@ class Course:
     def trial(self, start: int, fault: GraftFault) -> Trial:
         """Return what becomes of a fault at start number `start` of its kind; its own `at` is not used."""
         at = self.starts_for(fault.effect)[start]
-        end = at + (SLOW_WINDOW if fault.effect in SLOW else WINDOW)
+        for event in self.alerts(at, fault, SLOW_WINDOW if fault.effect in SLOW else WINDOW):
+            if event.state == "raised":
+                return Trial(fault.motor, event.motor or 0, event.t - at)
+        return Trial(fault.motor, 0, math.nan)
+
+    def alerts(self, at: float, fault: GraftFault, window: float) -> Iterator[AlertEvent]:
+        """Yield every step of an alert in the `window` [s] after a fault at `at`, one of the starts."""
+        end = at + window
         begin, waiting = self._waiting[at]
         monitor = waiting.copy()
         records = self._until(begin, end)
@@ -121,9 +128,8 @@ class Course:
             graft.edit(self._records[max(begin - SAID_BEFORE, 0) : begin])
         for stamp, raw in graft.edit(records):
             for event in monitor.feed(raw, stamp):
-                if isinstance(event, AlertEvent) and event.state == "raised":
-                    return Trial(fault.motor, event.motor or 0, event.t - at)
-        return Trial(fault.motor, 0, math.nan)
+                if isinstance(event, AlertEvent):
+                    yield event
 
     def _until(self, begin: int, end: float) -> list[Recorded]:
         out = []

@@ -1,7 +1,7 @@
 """Six degrees of freedom on any number of rotors, in flight, on the ground and in between.
 
     J w'    = kappa_q i - kappa_tau etaQ w² - kappa_f w               each rotor, ESC speed loop behind it
-    T       = kappa_T etaT w² (1 - c v_axial / (w r)),   M_z = s (kappa_q i - kappa_f w)
+    T       = kappa_T etaT ch w² (1 - c v_axial / (w r)),   M_z = s (kappa_q i - kappa_f w)
     m v'    = R (F_rotors + F_air) + m g + F_ground
     I W'    = M - W x (I W + e3 sum s J w)
     q'      = q W / 2
@@ -17,6 +17,7 @@ from gcs_health.simulate.arithmetic import Arithmetic, Value
 from gcs_health.simulate.vehicle import SimVehicle
 
 AIR_DENSITY = 1.225  # kg/m³
+CENTRE = (0.0, 0.0, 0.0)
 SINK = 0.004  # m that the legs give under the weight
 SLIP = 15.0  # 1/s, how fast the ground stops sliding
 
@@ -32,6 +33,7 @@ class RotorState:
     current : motor torque current [A].
     thrust, lift : kappa_T etaT and the force now [N].
     etaT, etaQ : effectiveness of thrust and of drag torque; 1 = healthy.
+    churn : ch, factor on thrust in its own wake (`wake.py`).
     friction : factor on kappa_f. inertia : J now [kg m²].
     slowed : factor on the commanded speed. driven : 0 = no current. free : 0 = stuck.
     bus : voltage at the ESC now [V].
@@ -49,6 +51,7 @@ class RotorState:
     lift: Value = 0.0
     eta_t: Value = 1.0
     eta_q: Value = 1.0
+    churn: Value = 1.0
     friction: Value = 1.0
     inertia: Value = 0.0
     slowed: Value = 1.0
@@ -67,6 +70,7 @@ class Plant:
     rates, turning : body rates [rad/s] and their derivatives [rad/s²].
     specific_force : of the centre of mass, body axes [m/s²].
     rotors : in order of motor number.
+    leg, lever : feet below, IMU from the centre of mass [m]; levered : the IMU is not at it.
     bus : battery voltage under load [V]. used : charge [A h]. battery_current : [A].
     """
 
@@ -94,17 +98,37 @@ class Plant:
         ]
         self.mass = zero + vehicle.mass
         self.inertia = [zero + value for value in vehicle.inertia]
+        self.leg: Value = vehicle.leg
+        self.lever: tuple[Value, Value, Value] = vehicle.lever
+        self.levered = vehicle.lever != CENTRE
         self.thrust_scale = zero + 1.0
         self.bus = zero + vehicle.battery.voltage
         self.used = zero
         self.battery_current = zero
-        self._arms = [rotor.position for rotor in vehicle.rotors]
+        self._arms: list[tuple[Value, Value, Value]] = [rotor.position for rotor in vehicle.rotors]
         # the ground is out of reach above this height, whatever the attitude
         self._low = -vehicle.leg - max((x * x + y * y) ** 0.5 for x, y, _ in self._arms)
         self._air = 0.5 * AIR_DENSITY * vehicle.drag_area
         # the speed loop: current that holds a goal, per square and per goal, and per speed lacking
         square, hold = m.torque / m.torque_constant, m.inertia * m.bandwidth / m.torque_constant
         self._loop = square, m.friction / m.torque_constant + hold, hold
+
+    def recentre(self, shift: list[Value], mass: Value, inertia: list[Value]) -> None:
+        """Move the centre of mass by `shift` [m, body axes]; new mass [kg] and inertia [kg m²]."""
+        x, y, z = shift
+        for rotor in self.rotors:
+            rotor.x, rotor.y = rotor.x - x, rotor.y - y
+        self._arms = [(a - x, b - y, c - z) for a, b, c in self._arms]
+        a, b, c = self.lever
+        self.lever, self.levered = (a - x, b - y, c - z), True
+        self.leg = self.leg - z
+        p, q, r = self.rates
+        turning = (q * z - r * y, r * x - p * z, p * y - q * x)
+        rows = [self.rotation[k : k + 3] for k in (0, 3, 6)]
+        for k, (r1, r2, r3) in enumerate(rows):
+            self.position[k] = self.position[k] + r1 * x + r2 * y + r3 * z
+            self.velocity[k] = self.velocity[k] + r1 * turning[0] + r2 * turning[1] + r3 * turning[2]
+        self.mass, self.inertia = mass, inertia
 
     def step(self, dt: float, wanted: list[Value], wind: tuple[Value, Value, Value]) -> None:
         """Advance by `dt` [s] with the rotor speeds `wanted` [rad/s] in a `wind` of the world [m/s]."""
@@ -153,7 +177,9 @@ class Plant:
             rotor.w = now = high(w + dt * rise, 0.0) * rotor.free
             rotor.acceleration = acceleration = (now - w) * rate
             rotor.phase = rotor.phase + half * (w + now)
-            rotor.lift = force = high(thrust * rotor.eta_t * now * (now + rotor.climb * axial), 0.0)
+            rotor.lift = force = high(
+                thrust * rotor.eta_t * rotor.churn * now * (now + rotor.climb * axial), 0.0
+            )
             lift = lift + force
             roll = roll - rotor.y * force
             pitch = pitch + rotor.x * force
@@ -179,7 +205,7 @@ class Plant:
         share = self.mass * GRAVITY / len(self._arms)
         stiffness, damping = share / SINK, 1.4 * share / (SINK * GRAVITY) ** 0.5
         p, q, _ = self.rates
-        leg = self.vehicle.leg
+        leg = self.leg
         fx = fy = fz = roll = pitch = 0.0
         for x, y, _ in self._arms:
             depth = self.position[2] + r31 * x + r32 * y + r33 * leg

@@ -13,12 +13,14 @@ from typing import Any
 
 from gcs_health.checked import Table
 from gcs_health.errors import ConfigError
+from gcs_health.gate import GRAVITY
 from gcs_health.simulate.faults import KINDS, Fault
+from gcs_health.simulate.payload import Payload
 from gcs_health.simulate.sensors import SensorConfig
 from gcs_health.simulate.stream_rates import RATES
 from gcs_health.simulate.trajectory import KINDS as TRAJECTORIES
 from gcs_health.simulate.trajectory import Trajectory
-from gcs_health.simulate.vehicle import SimVehicle, load_sim_vehicle
+from gcs_health.simulate.vehicle import LEAST_LIFT, SimVehicle, load_sim_vehicle
 from gcs_health.simulate.wind import GRADES
 
 SCHEMA = "gcs_health.scenario/1"
@@ -34,11 +36,12 @@ AUTOPILOTS = ("px4", "px4_g1", "px4_g2", "px4_g3", "ardupilot")
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Mean wind [m/s] from `direction` [deg, 0 = from north], and the grade of turbulence."""
+    """Mean wind [m/s] from `direction` [deg, 0 = from north], grade of turbulence, strength of the own wake [-]."""
 
     speed: float = 0.0
     direction: float = 0.0
     turbulence: str = "low"
+    wake: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,7 @@ class Scenario:
     reaction: float = 0.15  # s until the controller knows that a rotor is lost; on six rotors and more
     trajectory: Trajectory = field(default_factory=Trajectory)
     wind: Wind = field(default_factory=Wind)
+    payload: Payload = field(default_factory=Payload)
     faults: tuple[Fault, ...] = ()
     sensors: SensorConfig = field(default_factory=SensorConfig)
     link: Link = field(default_factory=Link)
@@ -174,6 +178,7 @@ def _scenario(table: Table, which: str, path: Path | None) -> Scenario:
         reaction=table.number("reaction", 0.15, least=0.0),
         trajectory=trajectory,
         wind=_wind(table.table("wind")),
+        payload=_payload(table.table("payload"), vehicle, trajectory),
         faults=tuple(_fault(row, vehicle, trajectory) for row in table.tables("fault")),
         sensors=_numbers(table.table("sensors"), SensorConfig, {"esc_current": ("motor", "battery")}),
         link=_numbers(table.table("link"), Link, {}),
@@ -210,9 +215,27 @@ def _wind(row: Table) -> Wind:
         row.number("speed", d.speed, least=0.0),
         row.number("direction", d.direction),
         row.choice("turbulence", tuple(GRADES), d.turbulence),
+        row.number("wake", d.wake, least=0.0, most=0.5),
     )
     row.done()
     return wind
+
+
+def _payload(row: Table, vehicle: SimVehicle, plan: Trajectory) -> Payload:
+    d = Payload()
+    payload = Payload(
+        row.number("mass", d.mass, least=0.0),
+        row.vector("position", d.position),
+        row.number("dropped_at", least=0.0) if "dropped_at" in row else math.inf,
+    )
+    row.done()
+    most = len(vehicle.rotors) * vehicle.motor.thrust * vehicle.motor.top**2 / (LEAST_LIFT * GRAVITY)
+    if payload.mass + vehicle.mass > most:
+        row.fail("mass", f"{vehicle.name} lifts up to {most - vehicle.mass:.2g} kg, got {payload.mass:g}")
+    if payload.dropped_at < plan.flying_from:
+        at = payload.dropped_at
+        row.fail("dropped_at", f"{at:g} s is before the vehicle flies: from {plan.flying_from:.1f} s on")
+    return payload
 
 
 def _fault(row: Table, vehicle: SimVehicle, plan: Trajectory) -> Fault:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from gcs_health.simulate.arithmetic import Arithmetic, Value
 from gcs_health.simulate.plant import Plant
 
-CENTRE = (0.0, 0.0, 0.0)
 BLOCK = 512  # random numbers drawn at once
 
 
@@ -142,7 +141,7 @@ class Imu:
     def _raw(self, plant: Plant) -> list[Value]:
         p, q, r = plant.rates
         ax, ay, az = plant.specific_force
-        if plant.vehicle.lever != CENTRE:
+        if plant.levered:
             lx, ly, lz = self._levered(plant)
             ax, ay, az = ax + lx, ay + ly, az + lz
         cos, sin, clip3 = self._ops.cos, self._ops.sin, self._ops.clip3
@@ -167,7 +166,7 @@ class Imu:
         """Return W' x r + W x (W x r) at the IMU's place."""
         p, q, r = plant.rates
         dp, dq, dr = plant.turning
-        x, y, z = plant.vehicle.lever
+        x, y, z = plant.lever
         return (
             dq * z - dr * y + q * (p * y - q * x) - r * (r * x - p * z),
             dr * x - dp * z + r * (q * z - r * y) - p * (p * y - q * x),

@@ -1,4 +1,4 @@
-"""Where the vehicle is asked to be: arm, take off, fly one of five ways, land."""
+"""Where the vehicle is asked to be: arm, take off, fly one of six ways, land."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs_health.simulate.arithmetic import Value
 
-KINDS = ("hover", "random", "circle", "aggressive", "forward")
+KINDS = ("hover", "random", "circle", "aggressive", "forward", "descents")
 PATHS = ("circle", "forward")  # whose goal moves; the others' holds for a while
 ARM, CLIMB, CLIMB_RATE, SINK_RATE = 0.5, 2.0, 1.5, 0.8  # s, s, m/s, m/s
 PATH_ACCELERATION = 3.0  # m/s², gathering and losing speed along circle and straight
@@ -33,8 +33,8 @@ class Goal:
 class Trajectory:
     """What a scenario says of the flight.
 
-    kind : one of `KINDS`. height [m]; speed [m/s] of circle and forward flight; radius [m] of the circle;
-    every [s] between new goals; lands : the last seconds are a landing. duration [s].
+    kind : one of `KINDS`. height [m]; speed [m/s] of circle, forward flight, climbs and descents; radius [m] of
+    the circle; every [s] between new goals; lands : the last seconds are a landing. duration [s].
     """
 
     kind: str = "hover"
@@ -123,5 +123,7 @@ class Pilot:
             return path, 0.0, 0.0, speed, 0.0
         if p.kind == "hover":
             return 0.0, 0.0, 0.0, 0.0, 0.0
+        if p.kind == "descents":  # down to a third of the height, and up again
+            return 0.0, 0.0, 2.0 / 3.0 * p.height * (int(since / p.every) % 2), 0.0, 0.0
         x, y, z = self._points[int(since / p.every)]
         return x, y, z, 0.0, 0.0

@@ -16,6 +16,7 @@ from gcs_health.errors import ConfigError
 from gcs_health.gate import GRAVITY
 
 SCHEMA = "gcs_health.simvehicle/1"
+LEAST_LIFT = 1.2  # of the weight that all rotors at full speed must lift
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +182,7 @@ def _vehicle(table: Table) -> SimVehicle:
     )
     table.done()
     lift = len(rotors) * vehicle.motor.thrust * vehicle.motor.top**2
-    if lift < 1.2 * vehicle.mass * GRAVITY:
+    if lift < LEAST_LIFT * vehicle.mass * GRAVITY:
         table.fail(
             "motor.top", f"all rotors at {vehicle.motor.top} rad/s lift {lift:.1f} N: too little to fly"
         )

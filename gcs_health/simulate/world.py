@@ -8,10 +8,12 @@ import numpy as np
 from gcs_health.simulate.arithmetic import COLUMNS, FLOATS, Value
 from gcs_health.simulate.controller import Controller, Gains
 from gcs_health.simulate.faults import Fault, PlantFaults
+from gcs_health.simulate.payload import Load
 from gcs_health.simulate.plant import Plant
 from gcs_health.simulate.scenario import Scenario
 from gcs_health.simulate.sensors import Escs, Imu
 from gcs_health.simulate.trajectory import Goal, Pilot
+from gcs_health.simulate.wake import Wake
 from gcs_health.simulate.wind import GRADES, Dryden
 
 CONTROL_STEP, WIND_STEP = 0.002, 0.01  # s
@@ -44,6 +46,8 @@ class World:
         rngs = [[np.random.default_rng(parts[k]) for parts in streams] for k in range(6)]
         self.plant = Plant(vehicle, ops, zero)
         self._vary(rngs[0], count)
+        self._load = Load(scenario.payload, self.plant) if scenario.payload.mass else None
+        self._drop_at = scenario.payload.dropped_at
         self.faults = scenario.faults if faults is None else faults
         self._plant_faults = PlantFaults(
             list(self.faults), ops, PROPELLER_MASS * (vehicle.rotors[0].radius or 0.1) ** 2 * math.pi
@@ -54,6 +58,7 @@ class World:
         aggressive = scenario.trajectory.kind == "aggressive"
         gains = replace(Gains(), position=1.6, velocity=3.0) if aggressive else Gains()
         self.controller = Controller(vehicle, ops, step, zero, gains)
+        self.controller.mass = self.plant.mass
         self._pilot = Pilot(scenario.trajectory, rngs[1])
         self.goal: Goal = self._pilot.goal(0.0)
         plan, wind = scenario.trajectory, scenario.wind
@@ -66,6 +71,8 @@ class World:
         ardupilot = scenario.telemetry.autopilot == "ardupilot"
         self.imu = Imu(scenario.sensors, ops, rngs[3], self.dt, ardupilot)
         self.escs = Escs(scenario.sensors, ops, rngs[4], len(vehicle.rotors))
+        strength, often = wind.wake, self._wind_every * self.dt
+        self._wake = Wake(strength, self.plant, ops, rngs[5], often) if strength else None
         self.imu_is_new = False
         self._lost_at = self._losses(count)
 
@@ -111,6 +118,9 @@ class World:
         """Advance by `dt`."""
         t = self.t
         self._plant_faults.apply(self.plant, t)
+        if t >= self._drop_at and self._load is not None:
+            self._load.drop()
+            self._load = None
         if self._k % self._wind_every == 0:
             self._blow()
         if self._k % self._control_every == 0:
@@ -131,3 +141,5 @@ class World:
         near = self.ops.minimum(self.ops.maximum(-self.plant.position[2] / 3.0, 0.0), 1.0)
         mean_x, mean_y = self._mean_wind
         self._wind = (near * (mean_x - u * c + v * s), near * (mean_y - u * s - v * c), near * w)
+        if self._wake is not None:
+            self._wake.step(self._wind)

@@ -93,3 +93,39 @@ def test_cleared_it_knows_nothing() -> None:
     assert bank.ticks == 0
     assert not judged(bank).passes
     assert bank.standing(TICK) == ([0.0] * ROTORS, [0.0] * ROTORS)
+
+
+def turning(count: int, gain: float, doubt: float) -> list[Evidence]:
+    """Ticks of a hard roll that rotor 1's low speed makes alone; the roll gain is `gain` times the believed one."""
+    rng = random.Random(5)
+    w = [500.0, 300.0, 500.0, 500.0]
+    pushed = [sum(float(g) * speed**2 for g, speed in zip(row, w, strict=True)) for row in GAINS]
+    out = []
+    for _ in range(count):
+        r = [(gain - 1.0) * push * (row < 2) + rng.gauss(0.0, 0.5) for row, push in enumerate(pushed)]
+        r[2] = 0.0
+        out.append(Evidence(tuple(r), [0.0] * 4, [0.25] * 4, 1.0, w, w, GAINS, (doubt, doubt)))
+    return out
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.75, 2.3])
+def test_gains_not_yet_learned_name_nobody(gain: float) -> None:
+    """Their error is one and the same in all ticks: with the doubt as each tick's noise alone somebody is named."""
+    wrong, sure = (FaultBank(ROTORS, 3, BankConfig()) for _ in range(2))
+    for tick in turning(20, gain, 0.5):
+        wrong.add_final(tick, -1.0)
+    for tick in turning(20, gain, 0.0):
+        sure.add_final(tick, -1.0)
+    assert not judged(wrong).passes
+    assert judged(wrong).lead < 0.0
+    assert judged(sure).lead > 0.0  # who believes in his gains has no other explanation
+
+
+@pytest.mark.parametrize("rotor", range(ROTORS))
+def test_a_lost_rotor_is_named_on_gains_not_yet_learned_too(rotor: int) -> None:
+    bank = FaultBank(ROTORS, 3, BankConfig())
+    for tick in ticks(20) + ticks(6, lost=rotor, seed=2):
+        bank.add_final(tick._replace(doubt=(0.5, 0.5)), -1.0)
+    verdict = judged(bank)
+    assert verdict.passes
+    assert verdict.rotor == rotor
