@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_health.estimators.residual_model import Evidence, contributions
+from gcs_health.estimators.residual_model import Evidence, contributions, exchange
 from gcs_health.gate import GRAVITY
 
 Array = NDArray[np.float64]
@@ -86,6 +86,7 @@ class FaultBank:
     def clear(self) -> None:
         """Forget every tick: no window reaches across a closed gate."""
         self._end = self._final_end = 0  # rows of the table in use, and how many of them are final
+        self._ticks: list[Evidence] = []  # the last ones, in `ticks`' order
         self._waiting: list[Evidence] = []  # not yet in the table, final ones first
         self._waiting_final = 0
         self._excess: list[float] = []  # upward excess of each tick [m/s²], as many as `ticks`
@@ -105,6 +106,7 @@ class FaultBank:
         """
         waiting = self._waiting
         waiting.append(tick)
+        self._ticks.append(tick)
         self._doubt = tick.doubt
         if len(waiting) > self.config.max_ticks:
             del waiting[0]
@@ -118,19 +120,20 @@ class FaultBank:
         if self._provisional:
             del self._waiting[self._waiting_final :]
             self._end = self._final_end
-            del self._excess[-self._provisional :]
+            del self._excess[-self._provisional :], self._ticks[-self._provisional :]
             self._provisional = 0
 
     def add_provisional(self, tick: Evidence, excess: float) -> None:
         """Add one tick whose rotor speeds may still change."""
         self._waiting.append(tick)
+        self._ticks.append(tick)
         self._provisional += 1
         self._remember(excess)
 
     def _remember(self, excess: float) -> None:
         self._excess.append(excess)
         if len(self._excess) > 4 * self.config.max_ticks:
-            del self._excess[: 2 * self.config.max_ticks]
+            del self._excess[: 2 * self.config.max_ticks], self._ticks[: 2 * self.config.max_ticks]
 
     def _longest(self, tick_length: float) -> int:
         """Return how many ticks the longest window has now; 0 = too few for any."""
@@ -206,6 +209,9 @@ class FaultBank:
             and (share > c.shape_share or chi2 < c.shape_chi2)
             and self._lift_plausible(ticks, excess_sigma)
         )
+        if passes and (self._doubt[0] or self._doubt[1]):  # the geometry has not been seen to be right either
+            second = max(second, exchange(self._ticks[-ticks:], c.model_error, 1.0 + c.gain_high))
+            passes = top - second > c.lead
         std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
         return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)
 

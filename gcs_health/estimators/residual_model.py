@@ -126,6 +126,36 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     `error` = (share, share per relative change of u) of a rotor's contribution that may be wrong.
     """
     n = len(ticks[0].w0)
+    _, _, h, r, weight = _parts(ticks, error)
+    net = np.add.reduce(h[:, :2], axis=2)
+    weighted = r * weight
+    out = np.empty((len(ticks), 2 * n + 5))
+    out[:, :n] = -np.add.reduce(weighted[:, :, None] * h, axis=1)
+    out[:, n : 2 * n] = np.add.reduce(weight[:, :, None] * (h * h), axis=1)
+    out[:, 2 * n] = np.add.reduce(weighted * r, axis=1)
+    out[:, 2 * n + 1 : 2 * n + 3] = weighted[:, :2] * net
+    out[:, 2 * n + 3 :] = weight[:, :2] * net * net
+    return out
+
+
+def exchange(ticks: Sequence[Evidence], error: tuple[float, float], most: float) -> float:
+    """Return the log likelihood ratio of "no rotor, but two sit in each other's seats" of the best pair.
+
+    With seats i and j exchanged the residual is  m (g_j - g_i) (u_i - u_j),  g the seats' gains, m in 0 .. `most`
+    for gains that are not learned.
+    """
+    matrix, mean, _, r, weight = _parts(ticks, error)
+    one, other = np.triu_indices(mean.shape[1], 1)
+    d = (matrix[:, :, other] - matrix[:, :, one]) * (mean[:, one] - mean[:, other])[:, None, :]
+    N = np.add.reduce((r * weight)[:, :, None] * d, axis=(0, 1))
+    D = np.add.reduce(weight[:, :, None] * (d * d), axis=(0, 1))
+    m = np.minimum(np.maximum(N / (D + 1e-12), 0.0), most)
+    return float(np.maximum.reduce(m * (N - 0.5 * m * D)))
+
+
+def _parts(ticks: Sequence[Evidence], error: tuple[float, float]) -> tuple[Array, Array, Array, Array, Array]:
+    """Return gains (k or 1, 4, n), mean squared speeds (k, n), pushes (k, 4, n), residuals and weights (k, 4)."""
+    n = len(ticks[0].w0)
     given = [(*e, *b, *v, *s, up, bend, *w0, *w1) for e, b, v, up, w0, w1, _, s, bend in ticks]
     table = rows(given, 16 + 2 * n)
     e, offset, variances, doubt = table[:, :4], table[:, 4:8], table[:, 8:12], table[:, 12:14]
@@ -138,21 +168,10 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     mean = 0.5 * (u0 + u1)
     h = matrix * mean[:, None, :]
     h[:, 3] = matrix[:, 3] * u1
-    h2 = h * h
     share = np.abs(u1 - u0) / (mean + 1.0) * (error[1] + bend) + error[0]
-    model = np.add.reduce(h2 * (share * share)[:, None, :], axis=2)
-    net = np.add.reduce(h[:, :2], axis=2)
-    model[:, :2] += (doubt * net) ** 2
-    weight = 1.0 / (variances * inflation + model)
-    r = e - offset
-    weighted = r * weight
-    out = np.empty((len(ticks), 2 * n + 5))
-    out[:, :n] = -np.add.reduce(weighted[:, :, None] * h, axis=1)
-    out[:, n : 2 * n] = np.add.reduce(weight[:, :, None] * h2, axis=1)
-    out[:, 2 * n] = np.add.reduce(weighted * r, axis=1)
-    out[:, 2 * n + 1 : 2 * n + 3] = weighted[:, :2] * net
-    out[:, 2 * n + 3 :] = weight[:, :2] * net * net
-    return out
+    model = np.add.reduce((h * h) * (share * share)[:, None, :], axis=2)
+    model[:, :2] += (doubt * np.add.reduce(h[:, :2], axis=2)) ** 2
+    return matrix, mean, h, e - offset, 1.0 / (variances * inflation + model)
 
 
 def rows(values: Iterable[Sequence[float]], width: int) -> Array:

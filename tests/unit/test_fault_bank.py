@@ -129,3 +129,27 @@ def test_a_lost_rotor_is_named_on_gains_not_yet_learned_too(rotor: int) -> None:
     verdict = judged(bank)
     assert verdict.passes
     assert verdict.rotor == rotor
+
+
+def exchanged(count: int, one: int, other: int, doubt: float) -> list[Evidence]:
+    """Ticks of a manoeuvre whose two rotors sit in each other's seats."""
+    rng = random.Random(7)
+    w = [500.0] * ROTORS
+    w[one], w[other] = 560.0, 420.0
+    out = []
+    for _ in range(count):
+        away = w[one] ** 2 - w[other] ** 2
+        r = [float(row[other] - row[one]) * away + rng.gauss(0.0, 0.5) for row in GAINS]
+        r[2] = 0.0
+        out.append(Evidence(tuple(r), [0.0] * 4, [0.25] * 4, 1.0, w, w, GAINS, (doubt, doubt)))
+    return out
+
+
+def test_while_gains_are_not_learned_rotors_in_each_others_seats_name_nobody() -> None:
+    wrong, sure = (FaultBank(ROTORS, 3, BankConfig()) for _ in range(2))
+    for tick in exchanged(20, 0, 1, 0.5):
+        wrong.add_final(tick, -1.0)
+    for tick in exchanged(20, 0, 1, 0.0):
+        sure.add_final(tick, -1.0)
+    assert judged(sure).passes  # who believes in his geometry has no other explanation
+    assert not judged(wrong).passes
