@@ -23,6 +23,7 @@ from gcs_health.samples import FlightReading, ImuFilterReading, ImuReading
 
 LAGS = 20
 WINDOW = 5.0  # s
+SETTLE = 6.0  # s after take-off, as in training: a climb is not how it flies
 RESIDUAL = np.array([1.0, -1.0])  # of [y, what the model expects of it]
 
 
@@ -45,6 +46,7 @@ class HealthyWatch:
         self.other_air = self.changed = False
         self._until = -math.inf  # the hold
         self._flies = True
+        self._settled = -math.inf  # when the take-off was over [s]
 
     def feed(self, reading: ImuReading | FlightReading | ImuFilterReading) -> bool:
         """Take one reading; return whether the answer is new."""
@@ -52,7 +54,7 @@ class HealthyWatch:
             self._watch.filtered(reading.mean_over, reading.cutoff)
         elif isinstance(reading, FlightReading):
             if reading.flies and not self._flies:
-                self._watch.blocks.clear()
+                self._settled = reading.t + SETTLE
             self._flies = reading.flies
         elif self._watch.feed(reading):
             self._look(reading.t)
@@ -79,7 +81,8 @@ class HealthyWatch:
 
     def _look(self, t: float) -> None:
         blocks = self._watch.blocks
-        while blocks and blocks[0][0] < t - WINDOW - 0.05:
+        start = max(t - WINDOW - 0.05, self._settled)
+        while blocks and blocks[0][0] < start:
             blocks.popleft()
         if not self._flies or len(blocks) < FULL * self._size:
             self.change, self.variances, self.changed = math.nan, (), False
