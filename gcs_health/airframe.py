@@ -127,12 +127,12 @@ class AlarmLevel:
 
 @dataclass(frozen=True, slots=True)
 class HealthyVibration:
-    """How this very vehicle vibrates when it is well: y[t] = sum_i a_i y[t-i] + e[t] of each signal.
+    """How this very vehicle vibrates when it is well: y[t] = sum_i a_i y[t-i] + e[t] of each signal's steps y.
 
     Attributes
     ----------
     rate : of the samples [Hz]. mean_over [s], cutoff [Hz] : what the accelerations had passed, NaN = nothing.
-    channels : "ax" .. "r". offsets : the constant taken off each. coefficients : a_1, a_2 .. of each.
+    channels : "ax" .. "r". coefficients : a_1, a_2 .. of each.
     variances : least and largest of e in the air of the healthy flights, of each [its unit²].
     alarm : level of the change, see `estimators/healthy_vibration.py`.
     """
@@ -141,7 +141,6 @@ class HealthyVibration:
     mean_over: float
     cutoff: float
     channels: tuple[str, ...]
-    offsets: tuple[float, ...]
     coefficients: tuple[tuple[float, ...], ...]
     variances: tuple[tuple[float, float], ...]
     alarm: AlarmLevel

@@ -32,7 +32,7 @@ _MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "cur
 _SIDES = ("motor", "battery")
 _VIBRATION = {"models", "alarm", "healthy"}
 _ALARM = ("threshold", "location", "scale", "every")
-_HEALTHY = {"rate", "mean_over", "cutoff", "channels", "offsets", "coefficients", "variances"}
+_HEALTHY = {"rate", "mean_over", "cutoff", "channels", "coefficients", "variances"}
 _CHANNELS = ("ax", "ay", "az", "p", "q", "r")
 
 
@@ -188,7 +188,6 @@ class _Reader:
             mean_over=self._optional(row, "mean_over", f"{at}.") or math.nan,
             cutoff=self._optional(row, "cutoff", f"{at}.") or math.nan,
             channels=tuple(channels),
-            offsets=self._numbers(row["offsets"], f"{at}.offsets", count),
             coefficients=tuple(
                 self._numbers(each, f"{at}.coefficients[{k}]")
                 for k, each in enumerate(self._items(row["coefficients"], f"{at}.coefficients", count))

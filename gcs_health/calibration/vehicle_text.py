@@ -69,7 +69,6 @@ def _vibration(airframe: Airframe, findings: list[Finding]) -> Table:
         row["rate"] = _rounded(healthy.rate)
         row.update({key: v for key in ("mean_over", "cutoff") if math.isfinite(v := getattr(healthy, key))})
         row["channels"] = list(healthy.channels)
-        row["offsets"] = list(map(_rounded, healthy.offsets))
         row["variances"] = [list(map(_rounded, pair)) for pair in healthy.variances]
         row["coefficients"] = [[round(a, DECIMALS) for a in each] for each in healthy.coefficients]
         table["healthy"] = row

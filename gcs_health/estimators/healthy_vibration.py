@@ -1,6 +1,7 @@
 """Whether the vehicle still vibrates as in its healthy flights: the pooled model at k = 0 alone.
 
-    e[t] = y[t] - sum_i a_i y[t-i]                of each signal, a_i from healthy flights
+    y[t] = s[t] - s[t-1]                          of each signal s of the IMU: turning and leaning are no vibration
+    e[t] = y[t] - sum_i a_i y[t-i]                a_i from healthy flights
     r_l = sum_t e[t] e[t-l] / sum_t e[t]²         l = 1 .. 20, windows of 5 s
     change = mean over the signals of sum_l r_l²
 
@@ -18,7 +19,7 @@ import numpy as np
 from gcs_health.airframe import HealthyVibration
 from gcs_health.estimators.contract import Reason
 from gcs_health.estimators.pooled_ar_model import Part, PooledModel
-from gcs_health.estimators.pooled_ar_watch import FULL, ModelWatch, WatchConfig
+from gcs_health.estimators.pooled_ar_watch import FULL, GAP, ModelWatch, WatchConfig
 from gcs_health.samples import FlightReading, ImuFilterReading, ImuReading
 
 LAGS = 20
@@ -34,7 +35,8 @@ class HealthyWatch:
     ----------
     change, variances : of the window that ends now; NaN and () while there is none.
     changed : the change has passed the threshold, or has done so within the hold.
-    other_air : the residual's variance is beyond that of the healthy flights: no change is told.
+    other_air : the residual's variance is far from that of the healthy flights, whatever the change: other air, or a
+        fault that shakes it harder, which cannot be told apart.
     """
 
     def __init__(self, healthy: HealthyVibration, config: WatchConfig) -> None:
@@ -47,6 +49,7 @@ class HealthyWatch:
         self._until = -math.inf  # the hold
         self._flies = True
         self._settled = -math.inf  # when the take-off was over [s]
+        self._before: ImuReading | None = None
 
     def feed(self, reading: ImuReading | FlightReading | ImuFilterReading) -> bool:
         """Take one reading; return whether the answer is new."""
@@ -56,10 +59,19 @@ class HealthyWatch:
             if reading.flies and not self._flies:
                 self._settled = reading.t + SETTLE
             self._flies = reading.flies
-        elif self._watch.feed(reading):
-            self._look(reading.t)
-            return True
+        else:
+            step = self._step(reading)
+            if step is not None and self._watch.feed(step):
+                self._look(reading.t)
+                return True
         return False
+
+    def _step(self, reading: ImuReading) -> ImuReading | None:
+        """Return what each signal has moved since the sample before; None after a gap."""
+        before, self._before = self._before, reading
+        if before is None or reading.t - before.t > GAP / self.healthy.rate:
+            return None
+        return ImuReading(reading.t, *[now - then for now, then in zip(reading[1:], before[1:], strict=True)])
 
     def missing(self, t: float, stale_after: float) -> tuple[Reason, ...]:
         """Return why nothing is told at time t [s]; empty = it is."""
@@ -68,15 +80,14 @@ class HealthyWatch:
             return missing
         if not self._flies:
             return (Reason.ON_GROUND,)
-        if self.change != self.change:
-            return (Reason.FILLING,)
-        return (Reason.UNMODELLED,) if self.other_air else ()
+        return (Reason.FILLING,) if self.change != self.change else ()
 
     def told(self, t: float, stale_after: float) -> tuple[tuple[Reason, ...], tuple[tuple[str, float], ...]]:
-        """Return what an estimate has to say of it: a reason where there is a change, and change over threshold."""
+        """Return what an estimate has to say of it: a reason where it is not as ever, and change over threshold."""
         if self.missing(t, stale_after):
             return (), ()
-        reasons = (Reason.VIBRATION_CHANGED,) if self.changed else ()
+        changed = (Reason.VIBRATION_CHANGED,) if self.changed else ()
+        reasons = (Reason.UNMODELLED,) if self.other_air else changed
         return reasons, (("vibration_change", self.change / self.healthy.alarm.threshold),)
 
     def _look(self, t: float) -> None:
@@ -118,7 +129,7 @@ def _model(healthy: HealthyVibration) -> PooledModel:
         cutoff=healthy.cutoff,
         levels=np.zeros(1),
         channels=healthy.channels,
-        offsets=np.array(healthy.offsets),
+        offsets=np.zeros(count),
         scales=np.ones(count),
         parts=parts,
         alarm_window=WINDOW,

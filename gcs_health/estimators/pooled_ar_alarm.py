@@ -114,7 +114,7 @@ def promised(fitted: Fitted) -> str:
     if bound > budget:
         needed = most(0, 1.0) / budget
         shown = f"{_time(fitted.time)} without an alarm show at most {bound:.2g} /h"
-        said += f", extrapolated: {shown}, {needed:.0f} h would"
+        said += f", extrapolated: {shown}, {needed:.2g} h would"
     return said
 
 

@@ -20,7 +20,7 @@ from gcs_health.calibration.alarm_level import LEAST_BLOCKS, block_maxima, fit_l
 from gcs_health.calibration.false_alarms import BLOCK
 from gcs_health.calibration.findings import Finding, missing
 from gcs_health.estimators.healthy_vibration import HealthyWatch
-from gcs_health.estimators.labelled_flights import IMU, Label, flown, imu_filters, imu_rate
+from gcs_health.estimators.labelled_flights import IMU, Label, LabelledFlight, flown, imu_filters, imu_rate
 from gcs_health.estimators.pooled_ar_alarm import promised
 from gcs_health.estimators.pooled_ar_model import Array, Moments, best_order, fit, moments
 from gcs_health.estimators.pooled_ar_training import SLOWEST_FILTER, orders_for
@@ -35,7 +35,7 @@ Judged = Sequence[ImuReading | FlightReading | ImuFilterReading]
 
 
 class _Flight(NamedTuple):
-    """One flight, or half of one: its steady stretches (samples, 6), and what the watch is fed."""
+    """One flight, or half of one: its steady stretches (steps, 6), and what the watch is fed."""
 
     stretches: list[Array]
     readings: Judged
@@ -53,7 +53,7 @@ class VibrationBaseline:
         """Take one flight."""
         rate = imu_rate(readings)
         cut = flown(readings, "", Label(0, 0.0), rate) if rate == rate else []
-        stretches = [np.stack([one.signal(c, 0) for c in IMU], axis=1) for one in cut if one.booms is None]
+        stretches = [_steps(one) for one in cut if one.booms is None]
         stretches = [stretch for stretch in stretches if len(stretch) > rate]
         seen = [r for r in readings if isinstance(r, ImuReading | FlightReading | ImuFilterReading)]
         self._flights.append(_Flight(stretches, seen, rate, imu_filters(readings)))
@@ -65,14 +65,13 @@ class VibrationBaseline:
             return None, missing("vibration", "healthy", why)
         halves = len(self._flights) == 1
         flights = _halves(self._flights[0]) if halves else self._flights
-        offsets = np.concatenate([part for one in flights for part in one.stretches]).mean(axis=0)
         order = max(orders_for(flights[0].rate))
-        learned = [_moments(one, offsets, order) for one in flights]
+        learned = [_moments(one, order) for one in flights]
         maxima: list[float] = []
         air: list[tuple[float, ...]] = []
         for k, flight in enumerate(flights):
             others = [each for j, each in enumerate(learned) if j != k]
-            changes, flown_in = _judged(_fitted(others, offsets, flight), flight)
+            changes, flown_in = _judged(_fitted(others, flight), flight)
             maxima += block_maxima(changes)
             air += flown_in
         fitted = fit_level(maxima, every)
@@ -82,7 +81,7 @@ class VibrationBaseline:
         rows = np.array(air)
         least, largest = rows.min(axis=0).tolist(), rows.max(axis=0).tolist()
         variances: tuple[tuple[float, float], ...] = tuple(zip(least, largest, strict=True))
-        healthy = replace(_fitted(learned, offsets, flights[0]), variances=variances, alarm=fitted.level)
+        healthy = replace(_fitted(learned, flights[0]), variances=variances, alarm=fitted.level)
         orders = ", ".join(f"{c} {len(a)}" for c, a in zip(IMU, healthy.coefficients, strict=True))
         said = f"orders {orders} at {healthy.rate:.0f} Hz; {promised(fitted)}"
         if halves:
@@ -109,12 +108,14 @@ class VibrationBaseline:
         return ""
 
 
-def _moments(flight: _Flight, offsets: Array, order: int) -> list[Moments]:
+def _steps(flight: LabelledFlight) -> Array:
+    """Return (n, 6): what each signal moves from sample to sample."""
+    return np.diff(np.stack([flight.signal(channel, 0) for channel in IMU], axis=1), axis=0)
+
+
+def _moments(flight: _Flight, order: int) -> list[Moments]:
     """Return each signal's moments over the stretches of one flight."""
-    return [
-        _total([moments(stretch[:, k] - offsets[k], order) for stretch in flight.stretches])
-        for k in range(len(IMU))
-    ]
+    return [_total([moments(stretch[:, k], order) for stretch in flight.stretches]) for k in range(len(IMU))]
 
 
 def _total(parts: Sequence[Moments]) -> Moments:
@@ -124,7 +125,7 @@ def _total(parts: Sequence[Moments]) -> Moments:
     return total
 
 
-def _fitted(learned: Sequence[list[Moments]], offsets: Array, flight: _Flight) -> HealthyVibration:
+def _fitted(learned: Sequence[list[Moments]], flight: _Flight) -> HealthyVibration:
     """Fit every signal's AR model to the moments of some flights; rate and filters are those of `flight`."""
     coefficients = []
     for k in range(len(IMU)):
@@ -136,7 +137,6 @@ def _fitted(learned: Sequence[list[Moments]], offsets: Array, flight: _Flight) -
         mean_over=flight.filters[0],
         cutoff=flight.filters[1],
         channels=IMU,
-        offsets=tuple(offsets.tolist()),
         coefficients=tuple(coefficients),
         variances=((0.0, math.inf),) * len(IMU),
         alarm=UNKNOWN,
