@@ -35,8 +35,8 @@ class HealthyWatch:
     ----------
     change, variances : of the window that ends now; NaN and () while there is none.
     changed : the change has passed the threshold, or has done so within the hold.
-    other_air : the residual's variance is far from that of the healthy flights, whatever the change: other air, or a
-        fault that shakes it harder, which cannot be told apart.
+    other_air : the residual's variance is far from that of the healthy flights. That alone is no change: gusts do
+        it, and leave e white (benchmarks/vibration_alarm.md).
     """
 
     def __init__(self, healthy: HealthyVibration, config: WatchConfig) -> None:
@@ -86,8 +86,8 @@ class HealthyWatch:
         """Return what an estimate has to say of it: a reason where it is not as ever, and change over threshold."""
         if self.missing(t, stale_after):
             return (), ()
-        changed = (Reason.VIBRATION_CHANGED,) if self.changed else ()
-        reasons = (Reason.UNMODELLED,) if self.other_air else changed
+        unlike = (Reason.UNMODELLED,) if self.other_air else ()
+        reasons = (Reason.VIBRATION_CHANGED,) if self.changed else unlike
         return reasons, (("vibration_change", self.change / self.healthy.alarm.threshold),)
 
     def _look(self, t: float) -> None:
@@ -109,7 +109,7 @@ class HealthyWatch:
             low * least <= now <= high * largest
             for now, (least, largest) in zip(self.variances, self.healthy.variances, strict=True)
         )
-        if self.change > self.healthy.alarm.threshold and not self.other_air:
+        if self.change > self.healthy.alarm.threshold:
             self._until = t + self.config.hold
         self.changed = t <= self._until
 

@@ -27,12 +27,12 @@ class ModelHealth:
 
     Attributes
     ----------
-    maxima : the largest k of any rotor in every 10 s of flight that the model fits.
+    maxima : of each flight, the largest k of any rotor in every 10 s that the model fits.
     """
 
     def __init__(self, name: str, model: PooledModel) -> None:
         self.name, self.model = name, model
-        self.maxima: list[float] = []
+        self.maxima: list[list[float]] = []
         self._refused: Counter[Reason] = Counter()
         self._steps = 0  # of 0.1 s, in the air
         self._ratios: list[float] = []  # residual variance over the trained one
@@ -52,7 +52,7 @@ class ModelHealth:
                 times.append(reading.t)
                 if watch.feed(reading):  # type: ignore[arg-type]
                     self._judge(watch, reading.t, values)
-        self.maxima += block_maxima(values)
+        self.maxima.append(block_maxima(values))
         if len(times) > 1:
             self._rates.append(1.0 / float(np.median(np.diff(times))))
 
@@ -77,7 +77,7 @@ class ModelHealth:
             return None, missing("vibration", key, why)
         fitted = fit_level(self.maxima, every)
         if fitted is None:
-            time, needed = len(self.maxima) * BLOCK, LEAST_BLOCKS * BLOCK
+            time, needed = sum(map(len, self.maxima)) * BLOCK, LEAST_BLOCKS * BLOCK
             why = f"{time:.0f} s of healthy flight that it fits, {needed:.0f} s are needed; its own threshold stays"
             return None, missing("vibration", key, why)
         why = f"fits {self._fits:.0%} of the flights; {promised(fitted)}"

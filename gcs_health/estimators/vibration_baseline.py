@@ -67,16 +67,16 @@ class VibrationBaseline:
         flights = _halves(self._flights[0]) if halves else self._flights
         order = max(orders_for(flights[0].rate))
         learned = [_moments(one, order) for one in flights]
-        maxima: list[float] = []
+        maxima: list[list[float]] = []
         air: list[tuple[float, ...]] = []
         for k, flight in enumerate(flights):
             others = [each for j, each in enumerate(learned) if j != k]
             changes, flown_in = _judged(_fitted(others, flight), flight)
-            maxima += block_maxima(changes)
+            maxima.append(block_maxima(changes))
             air += flown_in
         fitted = fit_level(maxima, every)
         if fitted is None:
-            time, needed = len(maxima) * BLOCK, LEAST_BLOCKS * BLOCK
+            time, needed = sum(map(len, maxima)) * BLOCK, LEAST_BLOCKS * BLOCK
             return None, missing("vibration", "healthy", f"{time:.0f} s of flight, {needed:.0f} s are needed")
         rows = np.array(air)
         least, largest = rows.min(axis=0).tolist(), rows.max(axis=0).tolist()
