@@ -58,6 +58,11 @@ class VibrationBaseline:
         seen = [r for r in readings if isinstance(r, ImuReading | FlightReading | ImuFilterReading)]
         self._flights.append(_Flight(stretches, seen, rate, imu_filters(readings)))
 
+    def model(self) -> HealthyVibration:
+        """Return the AR models of all flights, without what the air and the alarm are."""
+        order = max(orders_for(self._flights[0].rate))
+        return _fitted([_moments(one, order) for one in self._flights], self._flights[0])
+
     def found(self, every: float) -> tuple[HealthyVibration | None, Finding]:
         """Return the baseline whose alarm is passed once in `every` [s], and what is said of it."""
         why = self._unusable()

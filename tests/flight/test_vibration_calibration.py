@@ -45,12 +45,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def mine(folder: Path) -> Path:
-    """The vehicle file that four healthy flights of it made; what was printed lies beside it."""
-    out = folder / "mine.toml"
+def calibrated(folder: Path, name: str, *options: str) -> Path:
+    """Return the vehicle file that four healthy flights of it make."""
+    out = folder / name
     flights = [str(folder / f"well{seed}.tlog") for seed in (1, 2, 3, 4)]
-    assert main(["calibrate", *flights, "--vehicle", str(folder / "quad.toml"), "-o", str(out)]) == 0
+    assert (
+        main(["calibrate", *flights, "--vehicle", str(folder / "quad.toml"), *options, "-o", str(out)]) == 0
+    )
     return out
 
 
@@ -62,10 +63,7 @@ def of_motor_1(folder: Path, flight: str, vehicle: Path) -> list[dict]:
 
 
 def test_what_was_identified_is_printed_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flights = [str(folder / f"well{seed}.tlog") for seed in (1, 2, 3, 4)]
-    out = folder / "again.toml"
-    vehicle = ["--vehicle", str(folder / "quad.toml")]
-    assert main(["calibrate", *flights, *vehicle, "--false-alarms", "12", "-o", str(out)]) == 0
+    out = calibrated(folder, "again.toml", "--false-alarms", "12")
     said = capsys.readouterr().out
     found = re.search(r"vibration.alarm.quad.npz +([0-9.]+) ± .*once in 5 min, extrapolated", said)
     assert found is not None, said
@@ -77,8 +75,9 @@ def test_what_was_identified_is_printed_and_written(folder: Path, capsys: pytest
     assert re.search(r"vibration.healthy +[0-9.]+ ± .*orders ax 8", said)
 
 
-def test_the_monitor_alarms_where_the_vehicles_own_flights_put_it(folder: Path, mine: Path) -> None:
+def test_the_monitor_alarms_where_the_vehicles_own_flights_put_it(folder: Path) -> None:
     """What would be seen is the threshold and 1.64 sigma: it moves as far as the threshold did."""
+    mine = calibrated(folder, "often.toml", "--false-alarms", "12")  # so few minutes allow no rarer alarms
     flight = fly(folder / "fresh.tlog", 31, 23.0)
     ((_, level),) = load_vehicle(mine).vibration_alarms
     own = load(folder / "quad.npz").threshold
@@ -93,7 +92,8 @@ def test_the_monitor_alarms_where_the_vehicles_own_flights_put_it(folder: Path, 
         assert seen[1][t] - seen[0][t] == pytest.approx(level.threshold - own, abs=1e-4)
 
 
-def test_a_changed_vibration_is_told_and_a_healthy_one_is_not(folder: Path, mine: Path) -> None:
+def test_a_changed_vibration_is_told_and_a_healthy_one_is_not(folder: Path) -> None:
+    mine = calibrated(folder, "mine.toml")
     well = of_motor_1(folder, fly(folder / "well.tlog", 41, 30.0), mine)
     told = of_motor_1(folder, fly(folder / "ill.tlog", 42, 30.0, SLOW.format(at=15, size=0.9)), mine)
     assert len(well) > 200
