@@ -192,6 +192,10 @@ def of_model(model: PooledModel, groups: dict[int, tuple[Flown, ...]]) -> None:
         levels = {v: each.found(3600.0 / budget)[0] for v, each in health.items()}
         lines = [(level.threshold, *judged[v]) for v, level in levels.items() if level is not None]
         print(row("trained model", lines).text(f"{budget:g} /h"), flush=True)
+    print("\nLargest k in 10 s of the flights calibrated on, all blocks in order of size:\n")
+    for v, each in health.items():
+        blocks = sorted(k for flight in each.maxima for k in flight)
+        print(f"- vehicle {v}: {blocks[0]:.2f} to {blocks[-2]:.2f}, and {blocks[-1]:.2f}")
 
 
 def of_baseline(fly: partial[Flown], groups: dict[int, tuple[Flown, ...]]) -> None:
