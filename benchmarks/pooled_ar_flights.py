@@ -55,6 +55,10 @@ class Flown:
     def vibrated(self, j: int, stream: str) -> Iterator[Reading]:
         """Yield the IMU's or the booms' samples of a flight."""
         s, absent = self.signals, (float("nan"),) * (ROTORS - 2)
+        if stream == "imu100":
+            for k, six in enumerate(s["imu"][::2, :, j].tolist()):
+                yield ImuReading(SETTLE + 0.01 * k, *six)
+            return
         rows = s["hub" if stream == "hub" else "booms"][:, :, j].tolist()
         for k, row in enumerate(rows):
             t = SETTLE + k / RATE

@@ -110,6 +110,43 @@ class Baseline:
 
 
 @dataclass(frozen=True, slots=True)
+class AlarmLevel:
+    """Where an alarm lies, as healthy flights of this very vehicle put it (`gcs-health calibrate`).
+
+    Attributes
+    ----------
+    threshold : passed by a healthy flight once in `every` [s].
+    location, scale : of the Gumbel law of the largest in 10 s of healthy flight.
+    """
+
+    threshold: float
+    location: float
+    scale: float
+    every: float
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyVibration:
+    """How this very vehicle vibrates when it is well: y[t] = sum_i a_i y[t-i] + e[t] of each signal's steps y.
+
+    Attributes
+    ----------
+    rate : of the samples [Hz]. mean_over [s], cutoff [Hz] : what the accelerations had passed, NaN = nothing.
+    channels : "ax" .. "r". coefficients : a_1, a_2 .. of each.
+    variances : least and largest of e in the air of the healthy flights, of each [its unit²].
+    alarm : level of the change, see `estimators/healthy_vibration.py`.
+    """
+
+    rate: float
+    mean_over: float
+    cutoff: float
+    channels: tuple[str, ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    variances: tuple[tuple[float, float], ...]
+    alarm: AlarmLevel
+
+
+@dataclass(frozen=True, slots=True)
 class Airframe:
     """A multirotor as the estimators need it; rotors in order of `motor`."""
 
@@ -124,6 +161,8 @@ class Airframe:
     rotor_delay: float | None = None  # [s] to add to the stamps of rotor speeds; None = find in flight
     baseline: Baseline = Baseline()
     vibration_models: tuple[str, ...] = ()  # files of trained models of its vibration (`gcs-health train`)
+    vibration_alarms: tuple[tuple[str, AlarmLevel], ...] = ()  # by a model's file name, before its own
+    healthy_vibration: HealthyVibration | None = None
     warnings: tuple[str, ...] = ()
 
     def seat(self, rotor: int) -> str:

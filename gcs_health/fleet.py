@@ -80,9 +80,9 @@ class Analysed(NamedTuple):
 def config_digest(config: MonitorConfig) -> str:
     """Return what tells configurations apart; keys are secret and change nothing that is judged of a good log."""
     rules = [(c.vehicle, c.code, c.key, c.value) for c in config.rules.changes]
-    models = [(m.vehicle, m.regime, m.bias, m.threshold, m.facts) for m in config.vibration_models]
+    models = [(m.vehicle, m.regime, m.bias, m.threshold, m.tail, m.facts) for m in config.vibration_models]
     # models count by what is in them, not by where they lie
-    airframe = config.airframe and replace(config.airframe, vibration_models=())
+    airframe = config.airframe and replace(config.airframe, vibration_models=(), vibration_alarms=())
     plain = (airframe, config.estimators, config.mode, config.estimate_rate, rules, models)
     return hashlib.sha256(repr(plain).encode()).hexdigest()[:16]
 

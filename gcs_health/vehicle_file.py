@@ -7,7 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gcs_health.airframe import Airframe, AirframeSource, Baseline, Effectiveness, Motor, Rotor
+from gcs_health.airframe import (
+    Airframe,
+    AirframeSource,
+    AlarmLevel,
+    Baseline,
+    Effectiveness,
+    HealthyVibration,
+    Motor,
+    Rotor,
+)
 from gcs_health.errors import AirframeError
 
 SCHEMA = "gcs_health.vehicle/1"
@@ -21,6 +30,10 @@ _STD = "std"  # sub-table of a table that `calibrate` wrote
 _BASELINE = {"hover_speed", "hover_command", "vibration", "weight_offset", "unbalance", "vibration_level"}
 _MOTOR = {"torque_constant", "torque", "friction", "inertia", "resistance", "current_lag", "current_side"}
 _SIDES = ("motor", "battery")
+_VIBRATION = {"models", "alarm", "healthy"}
+_ALARM = ("threshold", "location", "scale", "every")
+_HEALTHY = {"rate", "mean_over", "cutoff", "channels", "coefficients", "variances"}
+_CHANNELS = ("ax", "ay", "az", "p", "q", "r")
 
 
 def load_vehicle(path: str | Path) -> Airframe:
@@ -60,6 +73,8 @@ class _Reader:
             self._fail("name", f"expected text, got {name!r}")
         inertia = self._vector(table["inertia"], "inertia", positive=True) if "inertia" in table else None
         rotors = self._rotors(table.get("rotor"))
+        vibration = table.get("vibration", {})
+        models = self._models(vibration)
         return Airframe(
             name=name,
             rotors=rotors,
@@ -70,7 +85,9 @@ class _Reader:
             motor=self._motor(table.get("motor", {})),
             rotor_delay=self._telemetry(table.get("telemetry", {})),
             baseline=self._baseline(table.get("baseline", {}), len(rotors)),
-            vibration_models=self._models(table.get("vibration", {})),
+            vibration_models=models,
+            vibration_alarms=self._alarms(vibration.get("alarm", {}), models),
+            healthy_vibration=self._healthy(vibration["healthy"]) if "healthy" in vibration else None,
         )
 
     def _rotors(self, rows: Any) -> tuple[Rotor, ...]:
@@ -124,13 +141,77 @@ class _Reader:
         return self._number(row["rotor_delay"], "telemetry.rotor_delay") if "rotor_delay" in row else None
 
     def _models(self, row: Any) -> tuple[str, ...]:
-        names = self._table(row, "vibration", {"models"}).get("models", [])
+        names = self._table(row, "vibration", _VIBRATION).get("models", [])
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             self._fail("vibration.models", f"expected a list of file names, got {names!r}")
         for name in names:
             if name != Path(name).name or not (self._folder / name).is_file():
                 self._fail("vibration.models", f"expected the names of files beside this one, got {name!r}")
         return tuple(str(self._folder / name) for name in names)
+
+    def _alarms(self, row: Any, models: tuple[str, ...]) -> tuple[tuple[str, AlarmLevel], ...]:
+        if not isinstance(row, dict):
+            self._fail("vibration.alarm", "expected a table for each model")
+        names = [Path(model).name for model in models]
+        for name, level in row.items():
+            if name not in names:
+                self._fail(f"vibration.alarm.{name}", "is not among vibration.models")
+            if isinstance(level, dict):
+                self._keys(level, set(_ALARM), f"vibration.alarm.{name}.")
+        return tuple((name, self._alarm(level, f"vibration.alarm.{name}")) for name, level in row.items())
+
+    def _alarm(self, row: Any, at: str) -> AlarmLevel:
+        self._whole(row, _ALARM, at)
+        threshold, location, scale, every = (
+            self._number(row[key], f"{at}.{key}", positive=key in ("scale", "every")) for key in _ALARM
+        )
+        return AlarmLevel(threshold, location, scale, every)
+
+    def _healthy(self, row: Any) -> HealthyVibration:
+        at = "vibration.healthy"
+        required = _HEALTHY - {"mean_over", "cutoff"}
+        self._whole(row, (*sorted(required), *_ALARM), at)
+        self._keys(row, _HEALTHY | set(_ALARM), f"{at}.")
+        channels = row["channels"]
+        if not isinstance(channels, list) or not channels or any(each not in _CHANNELS for each in channels):
+            self._fail(f"{at}.channels", f"expected some of {', '.join(_CHANNELS)}, got {channels!r}")
+        count = len(channels)
+        variances = [
+            self._numbers(each, f"{at}.variances[{k}]", 2)
+            for k, each in enumerate(self._items(row["variances"], f"{at}.variances", count))
+        ]
+        for k, (least, largest) in enumerate(variances):
+            if not 0.0 < least <= largest:
+                self._fail(f"{at}.variances[{k}]", f"expected [least, largest] above 0, got {variances[k]}")
+        return HealthyVibration(
+            rate=self._number(row["rate"], f"{at}.rate", positive=True),
+            mean_over=self._optional(row, "mean_over", f"{at}.") or math.nan,
+            cutoff=self._optional(row, "cutoff", f"{at}.") or math.nan,
+            channels=tuple(channels),
+            coefficients=tuple(
+                self._numbers(each, f"{at}.coefficients[{k}]")
+                for k, each in enumerate(self._items(row["coefficients"], f"{at}.coefficients", count))
+            ),
+            variances=tuple((least, largest) for least, largest in variances),
+            alarm=self._alarm(row, at),
+        )
+
+    def _whole(self, row: Any, keys: tuple[str, ...], at: str) -> None:
+        if not isinstance(row, dict):
+            self._fail(at, "expected a table")
+        for key in keys:
+            if key not in row:
+                self._fail(f"{at}.{key}", "is missing")
+
+    def _items(self, value: Any, at: str, count: int = 0) -> list[Any]:
+        """Check a list of so many; 0 = one or more."""
+        if not isinstance(value, list) or not value or count not in (0, len(value)):
+            self._fail(at, f"expected {count or 'a list of'} items, got {value!r}")
+        return list(value)
+
+    def _numbers(self, value: Any, at: str, count: int = 0) -> tuple[float, ...]:
+        items = self._items(value, at, count)
+        return tuple(self._number(item, f"{at}[{k}]") for k, item in enumerate(items))
 
     def _baseline(self, row: Any, rotors: int) -> Baseline:
         spreads = row.get(_STD, {}) if isinstance(row, dict) else {}

@@ -6,12 +6,13 @@ from pathlib import Path
 import tomlkit
 from tomlkit.items import Table
 
-from gcs_health.airframe import Airframe
+from gcs_health.airframe import Airframe, AlarmLevel
 from gcs_health.calibration.findings import Finding
 from gcs_health.vehicle_file import SCHEMA
 
 SPIN = {1: "ccw", -1: "cw"}
 LISTS = ("hover_speed", "hover_command", "weight_offset", "unbalance")
+DECIMALS = 6  # of AR coefficients: roots near the unit circle ask for more digits than were measured
 
 
 def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> str:
@@ -42,11 +43,44 @@ def vehicle_text(airframe: Airframe, findings: list[Finding], origin: str) -> st
         table = _table(name, airframe, [finding for finding in findings if finding.table == name])
         if len(table):
             document.add(name, table)
-    if airframe.vibration_models:
-        models = tomlkit.table()
-        models["models"] = [Path(name).name for name in airframe.vibration_models]
-        document.add("vibration", models)
+    vibration = _vibration(airframe, [finding for finding in findings if finding.table == "vibration"])
+    if len(vibration):
+        document.add("vibration", vibration)
     return tomlkit.dumps(document)
+
+
+def _vibration(airframe: Airframe, findings: list[Finding]) -> Table:
+    """Return models, the levels of their alarms, and the healthy baseline; `airframe` has them."""
+    table = tomlkit.table()
+    if airframe.vibration_models:
+        table["models"] = [Path(name).name for name in airframe.vibration_models]
+    why = {finding.key: finding.why for finding in findings}
+    for finding in findings:
+        if not finding.found:
+            table.add(tomlkit.comment(f"{finding.key}: {finding.why}"))
+    if airframe.vibration_alarms:
+        alarms = tomlkit.table(is_super_table=True)
+        for name, level in airframe.vibration_alarms:
+            alarms[name] = _alarm(level, why.get(f"alarm.{name}", ""))
+        table["alarm"] = alarms
+    if airframe.healthy_vibration is not None:
+        healthy = airframe.healthy_vibration
+        row = _alarm(healthy.alarm, why.get("healthy", ""))
+        row["rate"] = _rounded(healthy.rate)
+        row.update({key: v for key in ("mean_over", "cutoff") if math.isfinite(v := getattr(healthy, key))})
+        row["channels"] = list(healthy.channels)
+        row["variances"] = [list(map(_rounded, pair)) for pair in healthy.variances]
+        row["coefficients"] = [[round(a, DECIMALS) for a in each] for each in healthy.coefficients]
+        table["healthy"] = row
+    return table
+
+
+def _alarm(level: AlarmLevel, why: str) -> Table:
+    row = tomlkit.table()
+    row["threshold"] = _rounded(level.threshold)
+    row["threshold"].comment(why)
+    row.update({key: _rounded(getattr(level, key)) for key in ("location", "scale", "every")})
+    return row
 
 
 def _table(name: str, airframe: Airframe, findings: list[Finding]) -> Table:

@@ -190,6 +190,13 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument(
         "--vehicle", metavar="FILE.toml", help="the vehicle's geometry, before its parameters"
     )
+    calibrate.add_argument(
+        "--false-alarms",
+        type=argument_types.positive,
+        default=0.1,
+        metavar="PER_HOUR",
+        help="of the vibration's alarms that are bearable (default: 0.1, one in ten hours)",
+    )
 
     train = commands.add_parser(
         "train", help="from flights of known degradation, a model of the vehicle's vibration"

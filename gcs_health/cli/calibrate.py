@@ -14,6 +14,7 @@ from gcs_health.cli import DONE
 from gcs_health.cli.recorded import recorded_flight
 from gcs_health.errors import ConfigError, LogError
 from gcs_health.estimators.healthy_baseline import healthy_baseline
+from gcs_health.estimators.vibration_lessons import Vibration
 from gcs_health.samples import Reading
 from gcs_health.vehicle_file import load_vehicle
 
@@ -22,6 +23,7 @@ def run(options: argparse.Namespace) -> int:
     """Read every flight, pool what they teach, write the file, say what was found and what was not."""
     given = load_vehicle(options.vehicle) if options.vehicle else None
     airframe, flights = None, []
+    vibration = Vibration(given.vibration_models if given else (), 3600.0 / options.false_alarms)
     for name in options.files:
         flight = recorded_flight(name, given)
         seen, readings = flight.airframe, flight.readings
@@ -31,8 +33,10 @@ def run(options: argparse.Namespace) -> int:
             raise LogError(f"{name}: its rotors are not those of {options.files[0]}: another vehicle")
         airframe = seen
         flights.append(_findings(Path(name).name, readings, seen))
+        vibration.fly(readings)
     assert airframe is not None
-    findings = _pooled(flights)
+    airframe, learned = vibration.taught(airframe)
+    findings = [*_pooled(flights), *learned]
     names = ", ".join(Path(name).name for name in options.files)
     text = vehicle_text(airframe, findings, f"gcs-health {__version__} calibrate: {names}")
     try:

@@ -67,7 +67,12 @@ def _models(airframe: Airframe | None) -> tuple["PooledModel", ...]:
         return ()
     from gcs_health.estimators.pooled_ar_file import load
 
-    return tuple(load(Path(name)) for name in airframe.vibration_models)
+    alarms = dict(airframe.vibration_alarms)
+    models = []
+    for path in map(Path, airframe.vibration_models):
+        model, own = load(path), alarms.get(path.name)
+        models.append(model if own is None else model.alarmed(own))
+    return tuple(models)
 
 
 def config_path(options: argparse.Namespace) -> Path | None:

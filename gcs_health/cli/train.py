@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gcs_health.airframe import Airframe
 from gcs_health.cli import DONE
 from gcs_health.cli.recorded import recorded_flight
 from gcs_health.errors import ConfigError
-from gcs_health.estimators.labelled_flights import Label, LabelledFlight, flown, split
+from gcs_health.estimators.labelled_flights import Label, LabelledFlight, flown, imu_filters, imu_rate, split
 from gcs_health.estimators.pooled_ar_file import save
 from gcs_health.estimators.pooled_ar_model import PooledModel
-from gcs_health.estimators.pooled_ar_training import TrainingSettings, train
-from gcs_health.samples import ImuFilterReading, ImuReading, Reading
+from gcs_health.estimators.pooled_ar_training import TrainingSettings, orders_for, train
 from gcs_health.vehicle_file import load_vehicle
 
 EVEN = 0.05  # by so much the rates of two flights may differ
@@ -32,7 +29,9 @@ def run(options: argparse.Namespace) -> int:
         flight = recorded_flight(name, given or airframe, ("effectiveness",))
         airframe, readings = flight.airframe, flight.readings
         label = read_label(Path(name).with_suffix(".truth.json"), airframe)
-        own = _rate(name, readings)
+        own = imu_rate(readings)
+        if own != own:
+            raise ConfigError(f"{name}: no accelerations and rates in it")
         rate = rate if rate == rate else own
         if abs(own - rate) > EVEN * rate:
             raise ConfigError(
@@ -44,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         flights.append((label, cut))
     assert airframe is not None
     settings = TrainingSettings(
-        airframe.name, options.regime, rate, options.channels, *_filters(readings), orders=_orders(rate)
+        airframe.name, options.regime, rate, options.channels, *imu_filters(readings), orders=orders_for(rate)
     )
     model = train(*split(flights), settings, airframe)
     try:
@@ -110,21 +109,3 @@ def told(
     if missing:
         lines.append(f"no flight degrades motor {', '.join(map(str, missing))}: the model does not know them")
     return lines
-
-
-def _rate(name: str, readings: Sequence[Reading]) -> float:
-    times = np.array([reading.t for reading in readings if isinstance(reading, ImuReading)])
-    if len(times) < 2:
-        raise ConfigError(f"{name}: no accelerations and rates in it")
-    return 1.0 / float(np.median(np.diff(times)))
-
-
-def _filters(readings: Sequence[Reading]) -> tuple[float, float]:
-    last = next((r for r in reversed(readings) if isinstance(r, ImuFilterReading)), None)
-    return (math.nan, math.nan) if last is None else (last.mean_over, last.cutoff)
-
-
-def _orders(rate: float) -> tuple[int, ...]:
-    """Return orders to choose from: up to a tenth of a second of the past."""
-    most = TrainingSettings("", "", rate, ()).orders
-    return tuple(order for order in most if order <= max(0.1 * rate, most[0]))

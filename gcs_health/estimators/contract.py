@@ -69,6 +69,7 @@ class Reason(StrEnum):
     MODEL_SIGNAL = "model_signal"
     UNMODELLED = "unmodelled"
     UNSTEADY = "unsteady"
+    VIBRATION_CHANGED = "vibration_changed"
     FILLING = "filling"
     NO_COMMANDS = "no_commands"
     SHARE_UNKNOWN = "share_unknown"
@@ -113,6 +114,8 @@ REASON_TEXT: dict[Reason, str] = {
     Reason.MODEL_SIGNAL: "the signal that the model was trained on does not come",
     Reason.UNMODELLED: "no trained model explains the vibration: other air, another vehicle or another fault",
     Reason.UNSTEADY: "the vibration is not steady enough to be measured",
+    Reason.VIBRATION_CHANGED: "the vehicle vibrates otherwise than in its calibrated healthy flights: which rotor, "
+    "if it is one, cannot be told from that",
     Reason.FILLING: "the window of samples is still filling, or has gaps",
     Reason.NO_COMMANDS: "without motor commands the speeds of so few rotors cannot show a slow one",
     Reason.SHARE_UNKNOWN: "this vehicle's own healthy rotor speeds are still being learned",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_health.errors import ConfigError
-from gcs_health.samples import BoomReading, FlightReading, ImuReading, Reading, RotorReading
+from gcs_health.samples import BoomReading, FlightReading, ImuFilterReading, ImuReading, Reading, RotorReading
 
 Array = NDArray[np.float64]
 BOOM = "boom"  # the channel that is each rotor's own boom sensor
@@ -113,6 +113,18 @@ def flown(
     speeds = _even_speeds(readings, start, stop)
     cut = labelled(readings, vehicle, label.rotor, label.k, rate, start, stop)
     return [replace(flight, speeds=speeds) if flight.booms is None else flight for flight in cut]
+
+
+def imu_rate(readings: Sequence[Reading]) -> float:
+    """Return the usual rate of accelerations and rates [Hz]; NaN without any."""
+    times = np.array([reading.t for reading in readings if isinstance(reading, ImuReading)])
+    return 1.0 / float(np.median(np.diff(times))) if len(times) > 1 else math.nan
+
+
+def imu_filters(readings: Sequence[Reading]) -> tuple[float, float]:
+    """Return the mean [s] and cut-off [Hz] that the accelerations have passed, as last said; NaN = nothing."""
+    last = next((r for r in reversed(readings) if isinstance(r, ImuFilterReading)), None)
+    return (math.nan, math.nan) if last is None else (last.mean_over, last.cutoff)
 
 
 def _in_the_air(readings: Sequence[Reading]) -> tuple[float, float]:

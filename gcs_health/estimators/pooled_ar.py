@@ -8,8 +8,9 @@ to 12 rotors, in two modes:
 ``recommended``   trained models that refuse what they were not trained for (`pooled_ar_watch.py`), and beside
                   them the rotor speeds (`speed_deficit.py`); who is surest answers, the others corroborate
 
-Without a trained model (`pooled_ar_training.py`) the vibration says nothing, and the reasons say so. Of rotors that
-look alike (a rotor and its opposite) none is named unless commands or the onset tell them apart.
+Without a trained model (`pooled_ar_training.py`) the vibration says no value, and the reasons say so; from healthy
+flights alone (`healthy_vibration.py`) it says that it has changed, of no rotor in particular. Of rotors that look
+alike (a rotor and its opposite) none is named unless commands or the onset tell them apart.
 """
 
 import math
@@ -20,6 +21,7 @@ from gcs_health.airframe import Airframe
 from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.arrival import ArrivalOrder
 from gcs_health.estimators.contract import Estimate, Missing, Quantity, Reason, Status
+from gcs_health.estimators.healthy_vibration import HealthyWatch
 from gcs_health.estimators.pooled_ar_answers import Answer, ModelAlarm, by_speeds, by_vibration
 from gcs_health.estimators.pooled_ar_model import PooledModel
 from gcs_health.estimators.pooled_ar_paper import PaperConfig, PaperWatch
@@ -122,6 +124,8 @@ class PooledArEstimator:
         self._watches = [ModelWatch(model, c.watch) for model in c.models] if recommended else []
         self._alarms = [ModelAlarm(c.watch.hold) for _ in self._watches]
         facts = next((model.speeds for model in c.models if model.speeds is not None), None)
+        healthy = self.airframe.healthy_vibration if recommended else None
+        self._healthy = None if healthy is None else HealthyWatch(healthy, c.watch)
         self._speeds = SpeedDeficit(self.airframe, c.speed, facts)
 
     def feed(self, reading: Reading) -> list[Estimate]:
@@ -144,6 +148,8 @@ class PooledArEstimator:
 
     def _take(self, reading: Reading) -> bool:
         """Hand a reading to its parts; return whether there is a new answer."""
+        if self._healthy is not None and isinstance(reading, ImuReading | FlightReading | ImuFilterReading):
+            self._healthy.feed(reading)
         if isinstance(reading, (ImuReading, BoomReading)):
             new = self._paper is not None and self._paper.feed(reading)
             for watch, alarm in zip(self._watches, self._alarms, strict=True):
@@ -173,11 +179,15 @@ class PooledArEstimator:
 
     def _estimate(self, t: float, rotor: int) -> Estimate:
         answers, reasons = self._answers(t, rotor)
+        changed, figures = self._healthy.told(t, self.config.stale_after) if self._healthy else ((), ())
         chosen = _surest(answers)
         if chosen is None:
             warming = t - self._order.first < self.config.absent_after
             status = Status.CONVERGING if warming else Status.UNOBSERVABLE
-            return Estimate(t, self.name, rotor, Quantity.DEGRADATION, NAN, NAN, NAN, status, reasons)
+            reasons = (*changed, *reasons)
+            return Estimate(
+                t, self.name, rotor, Quantity.DEGRADATION, NAN, NAN, NAN, status, reasons, NAN, figures
+            )
         status = Status.VALID if chosen.valid else Status.CONVERGING
         reasons = chosen.reasons if chosen.valid else tuple(dict.fromkeys((*chosen.reasons, *reasons)))
         return Estimate(
@@ -189,9 +199,9 @@ class PooledArEstimator:
             chosen.std,
             chosen.probability,
             status,
-            reasons,
+            (*changed, *reasons),
             chosen.detectable,
-            self._evidence(chosen, answers),
+            (*self._evidence(chosen, answers), *figures),
         )
 
     def _evidence(self, chosen: Answer, answers: list[Answer]) -> tuple[tuple[str, float | str], ...]:

@@ -10,12 +10,13 @@ G_j are shifted Chebyshev polynomials of the first kind; the paper's recurrence 
 Source: Dutta et al. (2023), eqs. (9)-(22) and appendices B, C; corrected as in sheet 4 sections 2 and 3.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_health.airframe import AlarmLevel
 from gcs_health.estimators.labelled_flights import BOOM
 from gcs_health.estimators.speed_span import SpeedFacts
 
@@ -271,6 +272,11 @@ class PooledModel:
     def longest(self) -> int:
         """The highest AR order."""
         return max(len(part.theta) for part in self.parts)
+
+    def alarmed(self, level: AlarmLevel) -> "PooledModel":
+        """Return it with the alarm where a vehicle's own healthy flights put it."""
+        tail = (level.location, level.scale)
+        return replace(self, threshold=level.threshold, tail=tail, alarm_every=level.every)
 
     def of_rotor(self, rotor: int) -> tuple[Part, ...]:
         """Return a rotor's parts."""

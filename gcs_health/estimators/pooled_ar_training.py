@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_health.airframe import Airframe
+from gcs_health.calibration.alarm_level import gumbel
 from gcs_health.errors import ConfigError
 from gcs_health.estimators.labelled_flights import BOOM, LabelledFlight
 from gcs_health.estimators.pooled_ar_model import (
@@ -37,7 +38,6 @@ MAXIMA = 10.0  # s, over which healthy maxima are taken
 SLOWEST_FILTER = 40.0  # Hz: a lower cut-off leaves the body's motion alone, of which nothing was measured
 COVERED = 0.95  # of held-out windows by the 95 % interval
 ROOM = 1.1  # about the residual variances of held-out flights, beyond which it is other air
-EULER = 0.5772156649  # mean of the standard Gumbel law
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def train(
             f"training: expected {MAXIMA + s.alarm_window:g} s of healthy flight on end to set the threshold on, "
             f"got {longest:.0f} s"
         )
-    location, scale = _gumbel(maxima)
+    location, scale = gumbel(maxima)
     vehicles = {flight.vehicle for flight in (*fitted, *held_out, *healthy)}
     return replace(
         model,
@@ -278,10 +278,10 @@ def _scales(parts: tuple[Part, ...], channels: tuple[str, ...]) -> Array:
     )
 
 
-def _gumbel(maxima: Array) -> tuple[float, float]:
-    """Return location and scale by moments."""
-    scale = max(float(maxima.std()) * math.sqrt(6.0) / math.pi, 1e-3)
-    return float(maxima.mean()) - EULER * scale, scale
+def orders_for(rate: float) -> tuple[int, ...]:
+    """Return AR orders to choose from at a rate [Hz]: up to a tenth of a second of the past."""
+    most = TrainingSettings("", "", rate, ()).orders
+    return tuple(order for order in most if order <= max(0.1 * rate, most[0]))
 
 
 def _threshold(maxima: Array, location: float, scale: float, every: float) -> float:
