@@ -134,8 +134,11 @@ def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
     with monkeypatch.context() as older:
         older.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
         old = History(path)
-        old.store(record(0, alerts=(alert(),)))
         with old._transaction() as connection:  # as the version of then wrote it
+            connection.exec_driver_sql("INSERT INTO vehicle VALUES ('00ab', '1.1', 'Quad', 12, 2)")
+            connection.exec_driver_sql(
+                f"INSERT INTO flight VALUES ('00ab', 'us:{BEGAN}', {BEGAN}, 6.1, 600.0, '0.1')"
+            )
             connection.exec_driver_sql(
                 "INSERT INTO result (vehicle, flight, motor, estimator, quantity, rotor, value, samples, valid, "
                 f"status) VALUES ('00ab', 'us:{BEGAN}', 1, 'unbalance', 'unbalance', 0, 2e-6, 9, 9, 'valid')"
@@ -145,12 +148,13 @@ def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
         old.close()
     new = History(path)
     assert new.marks("00ab") == []
+    assert new.condition("00ab") == []
     (kept,) = new.results("00ab")
     assert (kept.value, math.isnan(kept.balance_quality)) == (2e-6, True)
     new.close()
     monkeypatch.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
     with pytest.raises(
-        ConfigError, match=r"a newer gcs-health wrote this history \(schema 3, this one knows 1\)"
+        ConfigError, match=r"a newer gcs-health wrote this history \(schema 4, this one knows 1\)"
     ):
         History(path)
 
