@@ -64,13 +64,16 @@ class VehicleHistory:
     ) -> "VehicleHistory":
         """Read one vehicle, of all motors or one; `limits` by quantity are for the trends."""
         key = vehicle["vehicle"]
-        results = [row for row in history.results(key) if motor in (None, row.motor)]
-        marks = [mark for mark in history.marks(key) if motor in (None, mark.motor)]
-        condition = [row for row in history.condition(key) if motor in (None, row.motor)]
-        tale = _Tale(results, condition, marks)
-        lines = tale.lines(limits)
+        results, condition, marks = history.results(key), history.condition(key), history.marks(key)
+        tale = _Tale(
+            results, condition, marks
+        )  # of all motors: what is certain depends on how many are looked at
+        lines = [line for line in tale.lines(limits) if motor in (None, line.motor)]
+        mended = [each for each in tale.mended() if motor in (None, each.mark.motor)]
+        results = [row for row in results if motor in (None, row.motor)]
+        condition = [row for row in condition if motor in (None, row.motor)]
         flights, alerts = history.flights(key), history.alerts(key)
-        return cls(vehicle, flights, alerts, results, lines, tale.mended(), condition)
+        return cls(vehicle, flights, alerts, results, lines, mended, condition)
 
     def as_object(self) -> dict[str, Any]:
         """Return it as `history --format json` has it."""
@@ -152,9 +155,11 @@ class _Tale:
             for k, mark in enumerate(own):
                 start = own[k - 1].at_us if k else None
                 end = own[k + 1].at_us if k + 1 < len(own) else None
-                points = comparable(_within(self._condition.get(key, ()), start, end)).points
-                points = points or _between(self._plain.get(key, ()), start, end)
-                before, after = _between(points, None, mark.at_us), _between(points, mark.at_us, None)
+                alike = comparable(_within(self._condition.get(key, ()), start, end)).points
+                before, after = _between(alike, None, mark.at_us), _between(alike, mark.at_us, None)
+                if min(len(before), len(after)) < 2:  # an older version stored one side, or both
+                    plain = _between(self._plain.get(key, ()), start, end)
+                    before, after = _between(plain, None, mark.at_us), _between(plain, mark.at_us, None)
                 compared = repair(before, after, less_is_better=key[2] != "effectiveness")
                 found.append(Mended(mark, key[1], key[2], compared))
         return sorted(found, key=lambda each: (each.mark.at_us, each.mark.motor))
