@@ -70,10 +70,10 @@ def _trend(trend: Trend, factor: float, unit: str) -> str:
 
 def _basis(line: Line) -> str:
     """Say on which flights a trend stands."""
-    if line.trend is None or line.trend.flights != len(line.alike.points):
+    if not line.like_with_like:
         return " (all regimes together)"
     payload = ", payload taken out" if line.quantity != "drag" else " against the other rotors"
-    return f" ({line.alike.regime} of {line.trend.flights} flights, {line.alike.seconds:.0f} s{payload})"
+    return f" ({line.alike.regime} of {len(line.alike.points)} flights, {line.alike.seconds:.0f} s{payload})"
 
 
 def _within(told: VehicleHistory, flights: set[str]) -> Iterator[str]:

@@ -30,6 +30,16 @@ class Line(NamedTuple):
     balance_quality: float
     alike: Comparable = NOTHING
 
+    @property
+    def like_with_like(self) -> bool:
+        """Whether a trend stands on the flights alike; else too few of them told their regime, and it is on all."""
+        return len(self.alike.points) >= FLIGHTS_LEAST
+
+    @property
+    def based_on(self) -> Sequence[Point]:
+        """The flights that a trend stands on."""
+        return self.alike.points if self.like_with_like else self.points
+
 
 class Mended(NamedTuple):
     """What a repair did to one quantity of the rotor."""
@@ -65,9 +75,8 @@ class VehicleHistory:
         """Read one vehicle, of all motors or one; `limits` by quantity are for the trends."""
         key = vehicle["vehicle"]
         results, condition, marks = history.results(key), history.condition(key), history.marks(key)
-        tale = _Tale(
-            results, condition, marks
-        )  # of all motors: what is certain depends on how many are looked at
+        # of all motors, whichever is shown: what is certain depends on how many are looked at
+        tale = _Tale(results, condition, marks)
         lines = [line for line in tale.lines(limits) if motor in (None, line.motor)]
         mended = [each for each in tale.mended() if motor in (None, each.mark.motor)]
         results = [row for row in results if motor in (None, row.motor)]
@@ -86,7 +95,9 @@ class VehicleHistory:
             "trends": [
                 {"motor": x.motor, "estimator": x.estimator, "quantity": x.quantity}
                 | x.trend._asdict()
-                | {"regime": x.alike.regime or None, "seconds": x.alike.seconds}
+                | dict(
+                    zip(("regime", "seconds"), x.alike[:2] if x.like_with_like else (None, None), strict=True)
+                )
                 for x in self.lines
                 if x.trend is not None
             ],
@@ -131,11 +142,11 @@ class _Tale:
         growing = [line for line in found if line.quantity in GROWING]
         starts: dict[str, list[float]] = {}
         for line in growing:
-            starts.setdefault(line.quantity, []).extend(point.value for point in _based_on(line)[:1])
+            starts.setdefault(line.quantity, []).extend(point.value for point in line.based_on[:1])
         return [
             line._replace(
                 trend=trend(
-                    _based_on(line),
+                    line.based_on,
                     line.quantity,
                     limits.get(line.quantity),
                     series=len(growing),
@@ -169,11 +180,6 @@ class _Tale:
 
     def _own(self, key: Series) -> list[MarkRow]:
         return [mark for mark in self._marks if mark.motor == key[0]]
-
-
-def _based_on(line: Line) -> Sequence[Point]:
-    """Return the flights that a trend stands on: those alike, or all where too few of them tell their regime."""
-    return line.alike.points if len(line.alike.points) >= FLIGHTS_LEAST else line.points
 
 
 def _within(rows: Sequence[ConditionRow], start_us: int | None, end_us: int | None) -> list[ConditionRow]:
