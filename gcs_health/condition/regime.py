@@ -10,7 +10,7 @@ torque) for the same reason.
 
 Source: Bechhoefer, "The Best Regime Recognition Algorithm for HUMS"; Bechhoefer and Bernhard, "Setting HUMS Condition
 Indicator Thresholds by Modeling Aircraft and Torque Band Variance", IEEE Aerospace 2004: the idea; the thresholds are
-this project's, chosen on seeds 1 to 40 of `benchmarks/condition.py`.
+this project's, looked at on seeds 1 to 4 of `benchmarks/condition.py`.
 """
 
 from collections.abc import Mapping, Sequence
