@@ -57,7 +57,7 @@ def line(points: Sequence[tuple[float, float]], chance: float) -> Line:
     Examples
     --------
     >>> line([(0.0, 1.0), (1.0, 2.0), (2.0, 9.0), (3.0, 4.0)], 0.05).slope
-    1.5
+    1.0
     """
     t, y = np.array(points, dtype=float).T
     i, j = np.triu_indices(len(t), 1)
