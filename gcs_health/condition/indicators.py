@@ -165,11 +165,8 @@ class Indicators:
         each = [
             i / d if d > 0.0 and i > 0.0 else NAN for i, d in zip(self._current, self._drive, strict=True)
         ]
-        known = sorted([one for one in each if one == one])
-        if len(known) < ROTORS_LEAST:
-            return (NAN,) * self._n
-        half = len(known) // 2
-        middle = known[half] if len(known) % 2 else 0.5 * (known[half - 1] + known[half])
+        known = [one for one in each if one == one]
+        middle = median(known) if len(known) >= ROTORS_LEAST else NAN
         return tuple([one / middle for one in each])
 
     def of_flight(self) -> tuple[Indicator, ...]:
