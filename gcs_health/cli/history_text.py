@@ -44,7 +44,7 @@ def _line(line: Line, brief: bool) -> Iterator[str]:
     if not points or (brief and not (line.trend and line.trend.grows)):
         return
     factor, unit = UNIT.get(line.quantity, (1.0, "SI"))
-    last = points[-1]
+    last = line.based_on[-1] if line.like_with_like else points[-1]
     yield (
         f"  motor {line.motor}  {line.quantity} {_number(last.value * factor)}"
         f"{f' ± {_number(last.std * factor)}' if math.isfinite(last.std) else ''} {unit}".rstrip()

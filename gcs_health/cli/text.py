@@ -81,7 +81,7 @@ def maintenance(row: Mapping[str, Any]) -> str:
     factor, unit = UNIT[row["quantity"]]
     value, slope, low, high = (f"{row[name] * factor:.3g}" for name in ("value", "slope", "low", "high"))
     return (
-        f"maintenance: motor {row['motor']}: {row['quantity']} {value} {unit}".rstrip()
+        f"maintenance: motor {row['motor']}: {row['quantity']} {row['balance'] or f'{value} {unit}'.rstrip()}"
         + f" grew within the flight by {slope} ({low} to {high}) {unit}".rstrip()
         + f" an hour; at its limit after {row['due']:.2g} h more of it ({row['regime']}, {row['seconds']:.0f} s)"
     )

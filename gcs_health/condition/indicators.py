@@ -17,6 +17,7 @@ from statistics import median
 from typing import NamedTuple
 
 from gcs_health.airframe import Airframe
+from gcs_health.balance import figures, words
 from gcs_health.condition.growth import Line, limit_of, line
 from gcs_health.condition.regime import Regime, Stretch, best, regimes
 from gcs_health.estimators.contract import Estimate, Quantity, Status
@@ -47,6 +48,7 @@ class Indicator(NamedTuple):
     slope, low, high : change an hour of flight and its 95 % interval; NaN while too little was flown.
     grows : a finding; of the regime that the flight is judged in alone.
     due : hours of flight from its end until the limit is reached at that slope; NaN without growth.
+    balance : an unbalance in words: g mm, milligrams at the tip, ISO 21940-11 grade; see `gcs_health.balance`.
     """
 
     rotor: int
@@ -63,6 +65,7 @@ class Indicator(NamedTuple):
     high: float = NAN
     grows: bool = False
     due: float = NAN
+    balance: str = ""
 
 
 class _Row(NamedTuple):
@@ -210,6 +213,9 @@ class Indicators:
             sum(row.flown.load for row, _ in known) / n,
             sum(volts) / len(volts) if volts else NAN,
         )
+        if quantity is Quantity.UNBALANCE:
+            usual = math.sqrt(said.load)  # rad/s
+            said = said._replace(balance=words(figures(mean, rotor.radius, rotor.propeller_mass, usual)))
         return said, [(row.t, value) for row, value in known]
 
     def _grown(self, told: list[_Told | None]) -> list[Indicator]:

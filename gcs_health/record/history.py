@@ -83,6 +83,7 @@ class ConditionRow(NamedTuple):
     high: float
     grows: int
     due: float
+    balance: str
 
 
 class MarkRow(NamedTuple):

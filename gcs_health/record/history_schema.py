@@ -97,6 +97,7 @@ CONDITION = Table(
     Column("high", Double),
     Column("grows", Integer, nullable=False),
     Column("due", Double),
+    Column("balance", Text, nullable=False),
 )
 
 STEPS: tuple[tuple[str, ...], ...] = (
@@ -136,7 +137,7 @@ STEPS: tuple[tuple[str, ...], ...] = (
             regime TEXT NOT NULL, rotor INTEGER NOT NULL, value DOUBLE PRECISION NOT NULL,
             spread DOUBLE PRECISION, seconds DOUBLE PRECISION NOT NULL, load DOUBLE PRECISION NOT NULL,
             voltage DOUBLE PRECISION, slope DOUBLE PRECISION, low DOUBLE PRECISION, high DOUBLE PRECISION,
-            grows INTEGER NOT NULL, due DOUBLE PRECISION,
+            grows INTEGER NOT NULL, due DOUBLE PRECISION, balance TEXT NOT NULL,
             PRIMARY KEY (vehicle, flight, motor, quantity, regime),
             FOREIGN KEY (vehicle, flight) REFERENCES flight ON DELETE CASCADE)""",
     ),

@@ -199,7 +199,7 @@ def test_the_interval_is_scipy_s() -> None:
 def row(week: int, regime: str, value: float, load: float = 4e5, quantity: str = "unbalance") -> ConditionRow:
     return ConditionRow(
         f"f{week}", BEGAN + 7 * week * DAY_US, 3, quantity, regime, value, 1e-8, 60.0, load,
-        15.0, NAN, NAN, NAN, 0, NAN,
+        15.0, NAN, NAN, NAN, 0, NAN, "",
     )  # fmt: skip
 
 

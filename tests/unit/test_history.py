@@ -11,6 +11,7 @@ import postgresql
 import pytest
 from recorded import FLIGHT, feed, two_flights
 
+from gcs_health.balance import figures, words
 from gcs_health.cli import main
 from gcs_health.condition.indicators import Indicator
 from gcs_health.errors import ConfigError
@@ -99,7 +100,7 @@ def test_a_flight_stored_twice_is_one_and_the_later_counts(store: History) -> No
 def test_the_condition_of_a_flight_comes_back_by_regime_and_is_replaced_with_it(store: History) -> None:
     hover = Indicator(2, 3, "unbalance", "hover", 2e-6, 1e-7, 60.0, 4e5, 15.2)
     windy = hover._replace(regime="wind", value=3e-6, voltage=math.nan)
-    grew = hover._replace(slope=1e-6, low=5e-7, high=2e-6, grows=True, due=0.5)
+    grew = hover._replace(slope=1e-6, low=5e-7, high=2e-6, grows=True, due=0.5, balance="2 g mm")
     store.store(record(0, result(3, 2e-6))._replace(condition=(hover, windy)))
     store.store(record(0, result(3, 2e-6))._replace(condition=(grew, windy)))
     store.store(record(1, result(3, 2e-6)))
@@ -107,6 +108,7 @@ def test_the_condition_of_a_flight_comes_back_by_regime_and_is_replaced_with_it(
     assert (one.flight, one.started_us, one.motor, one.regime) == (f"us:{BEGAN}", BEGAN, 3, "hover")
     assert (one.value, one.seconds, one.load, one.voltage) == (2e-6, 60.0, 4e5, 15.2)
     assert (one.slope, one.low, one.high, one.grows, one.due) == (1e-6, 5e-7, 2e-6, 1, 0.5)
+    assert (one.balance, two.balance) == ("2 g mm", "")
     assert (two.regime, two.grows, math.isnan(two.voltage)) == ("wind", 0, True)
 
 
@@ -385,6 +387,7 @@ def mixed(tmp_path: Path) -> str:
             ]
         if k == 11:
             condition[7] = condition[7]._replace(slope=1e-6, low=5e-7, high=2e-6, grows=True, due=0.5)
+            condition[7] = condition[7]._replace(balance=words(figures(2e-6, 0.127, 0.009, 632.5)))
         history.store(record(7 * k, *results)._replace(condition=tuple(condition)))
     history.close()
     return path
@@ -406,7 +409,7 @@ def test_trends_stand_on_flights_alike_and_say_so(mixed: str, capsys: pytest.Cap
     assert all(said.startswith("no growth that the flights bear out") for said in others)
     assert all("payload taken out" in said for head, said in of.items() if "unbalance" in head)
     (within,) = (line for line in lines if "grew within the flight" in line)
-    assert "maintenance: motor 3: unbalance" in within
+    assert "maintenance: motor 3: unbalance 2 g mm (15.7 mg at the tip), G 250 at 6040 rpm grew" in within
 
 
 def test_a_repair_is_judged_by_flights_alike(mixed: str, capsys: pytest.CaptureFixture[str]) -> None:
