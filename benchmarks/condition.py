@@ -6,8 +6,7 @@ A vehicle's twelve flights, a week apart, of 75 s: hover in light air, gusts, a 
 low battery, drawn at random; each with its own mass (1 %) and air (2 %). On every second vehicle the unbalance of
 motor 3 grows by 60 % over the flights, and the bearing of motor 1 until its torque is up by some 15 %; on the others
 nothing does. Sensor values go straight to the estimators, without MAVLink between; what they say goes the whole way
-through the history store. Seeds 1 to 4 and 1000 to 1007
-were looked at for the thresholds of the regimes.
+through the history store. Seeds 1 to 4 and 1000 to 1007 were looked at for the thresholds of the regimes.
 
 Then flights of 240 s in calm air, on every second of which the unbalance of motor 3 doubles and the torque of motor 1
 grows by a fifth while it flies.

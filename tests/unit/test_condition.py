@@ -91,7 +91,7 @@ def test_the_flight_s_own_usual_load_tells_a_climb_and_idling_is_no_flight() -> 
             *[calm] * 4,
             calm._replace(load=4.4e5),
             calm._replace(load=3.7e5),
-            calm._replace(unsteady=0.05),
+            calm._replace(unsteady=0.1),
             calm._replace(lean=0.3),
             calm._replace(unsteady=0.3, load=5e5),
             calm._replace(lean=NAN),
@@ -115,7 +115,7 @@ def test_the_steadier_regime_is_compared_in_unless_little_was_flown_in_it() -> N
 
 def test_indicators_are_those_of_their_regime_and_drag_is_against_the_other_rotors() -> None:
     flight = Flown().fly(61.0, drags=(1.1, 1.0, 1.0, 0.95))
-    flight.fly(40.0, gusts=0.05, drags=(1.3, 1.0, 1.0, 0.95), unbalance=(3e-6,) * 4)
+    flight.fly(40.0, gusts=0.1, drags=(1.3, 1.0, 1.0, 0.95), unbalance=(3e-6,) * 4)
     hover, wind = flight.found("drag", "hover"), flight.found("drag", "wind")
     assert hover[0].value == pytest.approx(1.1, abs=0.01)
     assert hover[3].value == pytest.approx(0.95, abs=0.01)
