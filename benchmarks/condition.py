@@ -1,14 +1,14 @@
 """Condition for maintenance: what regimes do to the indicators, and what is found of slow growth.
 
-    python benchmarks/condition.py --vehicles 8 --seed 2000 --long 6
+    python benchmarks/condition.py --vehicles 6 --seed 2000 --long 4
 
-A vehicle's twelve flights, a week apart, of 75 s: hover in light air, gusts, a long climb, a third more payload, a
+A vehicle's twelve flights, a week apart, of 60 s: hover in light air, gusts, a long climb, a third more payload, a
 low battery, drawn at random; each with its own mass (1 %) and air (2 %). On every second vehicle the unbalance of
 motor 3 grows by 60 % over the flights, and the bearing of motor 1 until its torque is up by some 15 %; on the others
 nothing does. Sensor values go straight to the estimators, without MAVLink between; what they say goes the whole way
 through the history store. Seeds 1 to 4 and 1000 to 1007 were looked at for the thresholds of the regimes.
 
-Then flights of 240 s in calm air, on every second of which the unbalance of motor 3 doubles and the torque of motor 1
+Then flights of 230 s in calm air, on every second of which the unbalance of motor 3 doubles and the torque of motor 1
 grows by a fifth while it flies.
 """
 
@@ -38,7 +38,7 @@ from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import Scenario, load_scenario
 
 BEGAN = 1_780_000_000_000_000  # UNIX µs
-FLIGHTS, DURATION, LONG = 12, 75.0, 240.0
+FLIGHTS, DURATION, LONG = 12, 60.0, 230.0
 STEPS = 24  # of what grows within a flight
 IMU, ESC = 200.0, 50.0  # Hz
 KINDS = {"hover": 0.35, "gusts": 0.2, "climb": 0.15, "payload": 0.2, "low battery": 0.1}
@@ -75,7 +75,7 @@ def scenario(kind: str, duration: float) -> Scenario:
     elif kind == "gusts":
         changes += ["wind.speed=8", "wind.turbulence=severe"]
     elif kind == "climb":
-        changes += ["trajectory.height=65"]
+        changes += ["trajectory.height=50"]
     return load_scenario("healthy_quad", changes)
 
 
