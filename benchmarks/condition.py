@@ -196,13 +196,19 @@ def spread(points: tuple[Point, ...]) -> float:
     return float(np.std(values, ddof=1) / np.mean(values)) if len(values) > 2 else math.nan
 
 
+def grown(points: tuple[Point, ...]) -> float:
+    """Return by how much a line through one series grows from its first to its last flight [-]."""
+    fitted = line([(point.at_us / DAY_US, point.value) for point in points], 0.025)
+    return fitted.now / fitted.start - 1.0
+
+
 def report_series(judged: list[Judged]) -> None:
     """Print scatter on healthy series, false findings and found ones."""
     print(
         "| indicator | healthy series | scatter plain | scatter alike | false plain | false alike |", end=""
     )
-    print(" growing series | found plain | found alike |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(" growing series | found plain | found alike | grown plain | grown alike |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     for quantity in ("unbalance", "drag"):
         healthy = [each for each in judged if each.quantity == quantity and not each.worn]
         worn = [each for each in judged if each.quantity == quantity and each.worn]
@@ -211,6 +217,9 @@ def report_series(judged: list[Judged]) -> None:
         cells.append(f"{np.nanmedian([spread(each.alike) for each in healthy]):.1%}")
         cells += [share([e.old for e in healthy]), share([e.new for e in healthy])]
         cells += [str(len(worn)), share([e.old for e in worn]), share([e.new for e in worn])]
+        cells += [
+            f"{np.median([grown(getattr(each, of)) for each in worn]):+.1%}" for of in ("plain", "alike")
+        ]
         print(f"| {' | '.join(cells)} |")
 
 
