@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs_health.record.trends import GROWING, Point, Trend, trend
+from gcs_health.condition.growth import GROWING
+from gcs_health.record.trends import Point, Trend, trend
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -56,6 +56,7 @@ class Monitor:
     def finish(self) -> list[Event]:
         """End of input: return what the rest causes, and one summary a vehicle."""
         events = [event for decoder in self._sources.values() for event in self._take(decoder.finish())]
+        events += [event for vehicle in self.vehicles() for event in vehicle.finish()]
         return events + [self._summary(vehicle) for vehicle in self.vehicles()]
 
     def copy(self) -> "Monitor":
@@ -192,6 +193,7 @@ class Monitor:
                 {"id": a.id, "code": a.code, "motor": a.motor, "t": a.t, "state": a.state, "text": a.text}
                 for a in vehicle.alerts
             ),
+            vehicle.condition.maintenance,
         )
 
 

@@ -21,6 +21,7 @@ from gcs_health.fusion.verdicts import Verdict
 from gcs_health.imu_selection import ImuSelection
 from gcs_health.monitor_config import MonitorConfig
 from gcs_health.needs import Need, Stream, estimator_needs, remedies
+from gcs_health.record.condition_log import ConditionLog
 from gcs_health.record.describe import describe_airframe, describe_clock, estimate_event, hardware_uid
 from gcs_health.record.events import AlertEvent, AutopilotEvent, Event, VehicleEvent
 from gcs_health.record.outbox import Outbox
@@ -73,6 +74,7 @@ class VehicleMonitor:
         self.clock = VehicleClock()
         self.imu = ImuSelection()
         self.rotors = RotorTelemetry()
+        self.condition = ConditionLog(vehicle)
         self._due = -math.inf
         self._bench: EstimatorBench | None = None
         self._panel: RotorPanel | None = None
@@ -123,6 +125,10 @@ class VehicleMonitor:
         silent = max(receive_us - self.last_us, 0) * 1e-6
         self._tell_needs(self.last_t + silent)
         return self._outbox.take()
+
+    def finish(self) -> list[Event]:
+        """End of input: say what a flight that had no end yet has shown of its condition."""
+        return [*self.condition.end(self.last_t, self.last_us)]
 
     @property
     def airframe(self) -> Airframe | None:
@@ -216,8 +222,12 @@ class VehicleMonitor:
         was = self.phase.armed
         if sample.armed is not was:
             news = sample.armed or was is not None
-            if sample.armed and was is False and self._panel is not None:
-                self._alerts(self._panel.new_flight(t))
+            if sample.armed and was is False:
+                self.condition.new_flight()
+                if self._panel is not None:
+                    self._alerts(self._panel.new_flight(t))
+            elif was and not sample.armed:
+                self._outbox.pending += self.condition.end(t, self.last_us)
             self.phase.armed = sample.armed
             self._tell_flight(t)
             if news:
@@ -290,6 +300,7 @@ class VehicleMonitor:
             if notice.kind is Kind.AXIS:  # all before was receive time: another origin
                 self.first_t = self.last_t = t
                 self._due = -math.inf
+                self.condition.new_flight()
                 if self._bench is not None:
                     self._bench.reset()
                     self._tell_all_known(t)
@@ -305,6 +316,7 @@ class VehicleMonitor:
         if self.config.tap is not None:
             self.config.tap(self.vehicle, reading)
         if self._bench is not None:
+            self.condition.read(reading)
             said = self._bench.feed(reading)
             if said:
                 self._judge(said)
@@ -342,6 +354,7 @@ class VehicleMonitor:
             self._outbox.pending += [estimate_event(estimate, *head) for estimate in estimates]
             self._judge(estimates)
             if self._panel is not None:
+                self.condition.routine(t, estimates, self.phase.flies and self._panel.failed is None)
                 self._alerts(self._panel.routine(t, self.rotors, self.phase.flies))
                 self._outbox.tell(self._panel.verdicts, self.airframe, self.last_us)
                 if self.config.verdict_tap is not None:
@@ -368,6 +381,7 @@ class VehicleMonitor:
         self.rotors.set_airframe(airframe)
         count = self._panel.count if self._panel is not None else 0
         self._panel = RotorPanel(airframe, count, self.rules)
+        self.condition.adopt(airframe)
         self._outbox.forget_verdicts()
         self._tell_all_known(self.last_t)
         self._say("airframe", f"airframe {airframe.name} from {airframe.source.value}")

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from gcs_health.balance import grade
+from gcs_health.cli.text import UNIT, maintenance
 from gcs_health.record.trends import Mean, Trend
 from gcs_health.record.vehicle_history import Line, Mended, VehicleHistory
 
 FLIGHTS_SHOWN = 12
-UNIT = {"unbalance": (1e6, "g mm"), "effectiveness": (1.0, ""), "drag": (1.0, ""), "degradation": (1.0, "")}
 WEEK = 7.0
 
 
@@ -34,23 +34,25 @@ def vehicle_text(told: VehicleHistory, *, brief: bool) -> str:
         lines.append(f"  {days_text(flight['started_us']):<22}{minutes:>4}:{seconds:02d}  {said}")
     for line in told.lines:
         lines += _line(line, brief)
+    lines += _within(told, {flight["flight"] for flight in shown})
     lines += [_mended(each) for each in told.mended]
     return "\n".join(lines) + "\n"
 
 
 def _line(line: Line, brief: bool) -> Iterator[str]:
-    if not line.points or (brief and not (line.trend and line.trend.grows)):
+    points = line.points or line.alike.points
+    if not points or (brief and not (line.trend and line.trend.grows)):
         return
     factor, unit = UNIT.get(line.quantity, (1.0, "SI"))
-    last = line.points[-1]
+    last = line.based_on[-1] if line.like_with_like else points[-1]
     yield (
         f"  motor {line.motor}  {line.quantity} {_number(last.value * factor)}"
         f"{f' ± {_number(last.std * factor)}' if math.isfinite(last.std) else ''} {unit}".rstrip()
         + (f" ({grade(line.balance_quality)})" if math.isfinite(line.balance_quality) else "")
-        + f", {_count(len(line.points), 'flight')} since the baseline began ({line.estimator})"
+        + f", {_count(len(points), 'flight')} since the baseline began ({line.estimator})"
     )
     if line.trend is not None:
-        yield "           " + _trend(line.trend, factor, unit)
+        yield "           " + _trend(line.trend, factor, unit) + _basis(line)
 
 
 def _trend(trend: Trend, factor: float, unit: str) -> str:
@@ -64,6 +66,21 @@ def _trend(trend: Trend, factor: float, unit: str) -> str:
     latest = f"to {_day(trend.latest_us)}" if trend.latest_us is not None else "or later"
     when = f"about {_day(trend.due_us)} ({_day(trend.earliest_us)} {latest})"
     return f"maintenance: grows by {rate}; at {limit} {when}"
+
+
+def _basis(line: Line) -> str:
+    """Say on which flights a trend stands."""
+    if not line.like_with_like:
+        return " (all regimes together)"
+    payload = ", payload taken out" if line.quantity != "drag" else " against the other rotors"
+    return f" ({line.alike.regime} of {len(line.alike.points)} flights, {line.alike.seconds:.0f} s{payload})"
+
+
+def _within(told: VehicleHistory, flights: set[str]) -> Iterator[str]:
+    """Say what grew within single flights."""
+    for row in told.condition:
+        if row.grows and row.flight in flights:
+            yield f"  {days_text(row.started_us)}  {maintenance(row._asdict())}"
 
 
 def _mended(each: Mended) -> str:

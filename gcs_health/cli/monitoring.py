@@ -10,14 +10,21 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self, TextIO
 
 from gcs_health.airframe import Airframe
-from gcs_health.cli.text import alert_line, notice_line, summary_text
+from gcs_health.cli.text import alert_line, clock, maintenance, notice_line, summary_text
 from gcs_health.config import load_config
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.batch import FrameBatch
 from gcs_health.monitor_config import Tap
 from gcs_health.pipeline import Monitor, MonitorConfig
 from gcs_health.record.append_file import AppendFile
-from gcs_health.record.events import AlertEvent, Event, SummaryEvent, VehicleEvent, to_json
+from gcs_health.record.events import (
+    AlertEvent,
+    ConditionEvent,
+    Event,
+    SummaryEvent,
+    VehicleEvent,
+    to_json,
+)
 from gcs_health.vehicle_file import load_vehicle
 
 if TYPE_CHECKING:
@@ -195,15 +202,25 @@ class Output:
             for receiver in self.receivers:
                 receiver.take(events)
         for event in events:
-            if isinstance(event, AlertEvent):
-                self.raised |= event.state == "raised"
-                if at_once:
-                    print(alert_line(event), file=self.text, flush=True)
-            elif isinstance(event, VehicleEvent) and at_once:
-                print(notice_line(event), file=self.text, flush=True)
-            elif isinstance(event, SummaryEvent):
-                self.vehicles += 1
-                print(summary_text(event), file=self.text, flush=True)
+            self._print(event, at_once)
+
+    def _print(self, event: Event, at_once: bool) -> None:
+        if isinstance(event, SummaryEvent):
+            self.vehicles += 1
+            print(summary_text(event), file=self.text, flush=True)
+            return
+        if isinstance(event, AlertEvent):
+            self.raised |= event.state == "raised"
+        if not at_once:
+            return
+        if isinstance(event, AlertEvent):
+            print(alert_line(event), file=self.text, flush=True)
+        elif isinstance(event, VehicleEvent):
+            print(notice_line(event), file=self.text, flush=True)
+        elif isinstance(event, ConditionEvent):
+            for row in event.indicators:
+                if isinstance(row, dict) and row["grows"]:
+                    print(f"{clock(event.t)}  {maintenance(row)}", file=self.text, flush=True)
 
     def _write_lines(self, events: Sequence[Event]) -> None:
         if self._file is None and not self._piped:

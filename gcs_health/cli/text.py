@@ -3,7 +3,7 @@
 import math
 import shutil
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from gcs_health.balance import grade
@@ -15,6 +15,14 @@ from gcs_health.survey import Survey, SystemSurvey, VehicleSurvey
 SEVERITY = ("EMERGENCY", "ALERT", "CRITICAL", "ERROR", "WARNING", "NOTICE", "INFO", "DEBUG")
 AUTOPILOT = {3: "ArduPilot", 12: "PX4"}
 VEHICLE_TYPE = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
+# by quantity: factor from SI, and what it then is
+UNIT = {
+    "unbalance": (1e6, "g mm"),
+    "unbalance_relative": (1e6, "g mm per kg"),
+    "effectiveness": (1.0, ""),
+    "drag": (1.0, ""),
+    "degradation": (1.0, ""),
+}
 _UNIX = 1e9  # s; vehicle times above are UNIX time: shown from the flight's start instead
 
 
@@ -63,7 +71,20 @@ def summary_text(event: SummaryEvent) -> str:
     if not event.alerts:
         lines.append("  no alert")
     lines += [f"  {clock(_f(a['t']))}  {a['code']} {a['state']}: {a['text']}" for a in _dicts(event.alerts)]
+    for row in _dicts(event.maintenance):
+        lines += _wrapped(f"  {clock(_f(row['t']))}  {maintenance(row)}", 12)
     return "\n".join(lines) + "\n"
+
+
+def maintenance(row: Mapping[str, Any]) -> str:
+    """Say in words what grew within a flight: an indicator that does, see `condition.indicators.Indicator`."""
+    factor, unit = UNIT[row["quantity"]]
+    value, slope, low, high = (f"{row[name] * factor:.3g}" for name in ("value", "slope", "low", "high"))
+    return (
+        f"maintenance: motor {row['motor']}: {row['quantity']} {row['balance'] or f'{value} {unit}'.rstrip()}"
+        + f" grew within the flight by {slope} ({low} to {high}) {unit}".rstrip()
+        + f" an hour; at its limit after {row['due']:.2g} h more of it ({row['regime']}, {row['seconds']:.0f} s)"
+    )
 
 
 def _entry(label: str, text: str) -> list[str]:

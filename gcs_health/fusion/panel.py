@@ -87,7 +87,7 @@ class RotorPanel:
     @property
     def sag(self) -> float:
         """Rotor speed for the same command, against early in the flight [-]; NaN = not known, or a rotor failed."""
-        return self._commanded.sag() if self._failed is None else math.nan
+        return self._commanded.sag() if self.failed is None else math.nan
 
     def read(self, reading: Reading, flies: Callable[[], bool]) -> list[Alert]:
         """Take what estimators take, for what is seen in the telemetry itself; return what follows at once.
@@ -125,7 +125,7 @@ class RotorPanel:
                 belief.land(reading.t)
 
     def _of_battery(self, reading: BatteryReading, flies: Callable[[], bool]) -> list[Alert]:
-        failed = self._failed
+        failed = self.failed
         if failed is None:
             if flies():
                 self._battery.learn(reading)
@@ -139,7 +139,7 @@ class RotorPanel:
     def _rotors(self, reading: RotorReading, flies: bool) -> list[Alert]:
         if self._desk.landed:
             return []
-        failed = self._failed
+        failed = self.failed
         said: list[Evidence] = self._commanded.rotors(reading, flies)
         for evidence in self._attribution.rotors(reading, flies):
             self._beliefs[evidence.rotor].feed(evidence)
@@ -159,7 +159,7 @@ class RotorPanel:
         return told
 
     @property
-    def _failed(self) -> int | None:
+    def failed(self) -> int | None:
         """The rotor that was told to have failed, if any: what follows in the others is explained by it."""
         return self._desk.failed
 
@@ -222,7 +222,7 @@ class RotorPanel:
             evidence = esc_state(t, k, state, live > alive[k], in_flight)
             if evidence is not None:
                 self._beliefs[k].feed(evidence)
-        if self._failed is not None:
+        if self.failed is not None:
             self._excuse(t)
         self._judged = [belief.verdict(t) for belief in self._beliefs]
         told: list[Alert] = []
@@ -237,7 +237,7 @@ class RotorPanel:
     def _excuse(self, t: float) -> None:
         """A rotor that the controller switched off once another had failed stands still by order."""
         for k, belief in enumerate(self._beliefs):
-            if k != self._failed and self._commanded.switched_off(k):
+            if k != self.failed and self._commanded.switched_off(k):
                 odds = tuple((kind, -BOUND) for kind in FAILED)
                 belief.feed(Evidence(t, k, "switched_off", odds))
 

@@ -117,6 +117,20 @@ class AlertEvent(NamedTuple):
     evidence: dict[str, Value]
 
 
+class ConditionEvent(NamedTuple):
+    """What a flight showed of each rotor's condition, by regime; said when it ends. For maintenance, no alarm.
+
+    Attributes
+    ----------
+    indicators : one object a rotor, quantity and regime, see `condition.indicators.Indicator`.
+    """
+
+    t: float
+    t_unix_us: int
+    vehicle: str
+    indicators: tuple[Value, ...]
+
+
 class SummaryEvent(NamedTuple):
     """One vehicle at the end of the input.
 
@@ -128,6 +142,7 @@ class SummaryEvent(NamedTuple):
     counters : frames and bytes, kept and dropped, by reason (of the whole stream).
     rotors : one object a rotor: rotor, motor, final and worst state.
     alerts : the alerts raised: id, code, motor, t, text, state at the end.
+    maintenance : what grew slowly within a flight: those indicators that say so, with the flight's end as `t`.
     """
 
     t: float
@@ -140,9 +155,12 @@ class SummaryEvent(NamedTuple):
     notes: tuple[str, ...]
     rotors: tuple[Value, ...]
     alerts: tuple[Value, ...]
+    maintenance: tuple[Value, ...] = ()
 
 
-Event = VehicleEvent | EstimateEvent | VerdictEvent | AutopilotEvent | AlertEvent | SummaryEvent
+Event = (
+    VehicleEvent | EstimateEvent | VerdictEvent | AutopilotEvent | AlertEvent | ConditionEvent | SummaryEvent
+)
 
 _TYPE = {
     VehicleEvent: "vehicle",
@@ -150,6 +168,7 @@ _TYPE = {
     VerdictEvent: "verdict",
     AutopilotEvent: "autopilot",
     AlertEvent: "alert",
+    ConditionEvent: "condition",
     SummaryEvent: "summary",
 }
 EVENT_TYPES = frozenset(_TYPE)

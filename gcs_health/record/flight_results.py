@@ -9,7 +9,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from gcs_health.record.events import AlertEvent, EstimateEvent, Event, SummaryEvent, VehicleEvent
+from gcs_health.condition.indicators import Indicator
+from gcs_health.record.events import (
+    AlertEvent,
+    ConditionEvent,
+    EstimateEvent,
+    Event,
+    SummaryEvent,
+    VehicleEvent,
+)
 
 VALID = "valid"
 
@@ -54,6 +62,7 @@ class FlightRecord(NamedTuple):
     started_us : first stamp [UNIX µs], 0 without stamps. started_t : on the vehicle's clock [s].
     duration : on the vehicle's clock [s].
     alerts : the last step of each.
+    condition : each rotor's indicators by regime.
     """
 
     vehicle: str
@@ -66,6 +75,7 @@ class FlightRecord(NamedTuple):
     duration: float
     results: tuple[RotorResult, ...]
     alerts: tuple[AlertEvent, ...]
+    condition: tuple[Indicator, ...] = ()
 
     @property
     def identity(self) -> str:
@@ -111,6 +121,7 @@ class _Flying:
         self._armed: bool | None = None
         self._sums: dict[tuple[int, str, str], _Sum] = {}
         self._alerts: dict[str, AlertEvent] = {}
+        self._condition: tuple[Indicator, ...] = ()
 
     def feed(self, event: Event) -> FlightRecord | None:
         if isinstance(event, VehicleEvent):
@@ -119,6 +130,8 @@ class _Flying:
             return self._record()
         if isinstance(event, AlertEvent):
             self._alerts[event.id] = event
+        elif isinstance(event, ConditionEvent):
+            self._condition = tuple(Indicator(**each) for each in event.indicators)  # type: ignore[arg-type]
         elif (
             isinstance(event, EstimateEvent) and self._armed is not False
         ):  # what is said on the ground is no result of a flight
@@ -153,6 +166,7 @@ class _Flying:
             max(self._last.t - self._first.t, 0.0),
             tuple(total.result(*key) for key, total in sorted(self._sums.items())),
             tuple(self._alerts.values()),
+            self._condition,
         )
 
 

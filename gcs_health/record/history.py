@@ -10,7 +10,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, Engine, create_engine, delete, event, insert, inspect, select, text, update
+from sqlalchemy import (
+    Column,
+    Connection,
+    Engine,
+    Table,
+    create_engine,
+    delete,
+    event,
+    insert,
+    inspect,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
@@ -18,7 +31,16 @@ from gcs_health import __version__
 from gcs_health.errors import ConfigError
 from gcs_health.record.flight_results import FlightRecord
 from gcs_health.record.history_keeper import StoreError
-from gcs_health.record.history_schema import ALERT, FLIGHT, MARK, RESULT, SCHEMA_VERSION, STEPS, VEHICLE
+from gcs_health.record.history_schema import (
+    ALERT,
+    CONDITION,
+    FLIGHT,
+    MARK,
+    RESULT,
+    SCHEMA_VERSION,
+    STEPS,
+    VEHICLE,
+)
 
 MIGRATION_LOCK = 1_918_989_172  # any number, the same in every process: of PostgreSQL's advisory lock
 BUSY_MS = 10_000  # SQLite: how long another process may write
@@ -41,6 +63,27 @@ class ResultRow(NamedTuple):
     worst: float
     worst_probability: float
     balance_quality: float
+
+
+class ConditionRow(NamedTuple):
+    """One quantity of one rotor in one regime of one flight, as stored; see `condition.indicators.Indicator`."""
+
+    flight: str
+    started_us: int
+    motor: int
+    quantity: str
+    regime: str
+    value: float
+    spread: float
+    seconds: float
+    load: float
+    voltage: float
+    slope: float
+    low: float
+    high: float
+    grows: int
+    due: float
+    balance: str
 
 
 class MarkRow(NamedTuple):
@@ -97,6 +140,10 @@ class History:
             "stored_by": __version__,
         }
         results = [key | {k: _or_null(v) for k, v in r._asdict().items()} for r in record.results]
+        condition = [
+            key | {k: _or_null(v) for k, v in each._asdict().items()} | {"grows": int(each.grows)}
+            for each in record.condition
+        ]
         wanted = {column.name for column in ALERT.columns} - set(key)
         alerts = [
             key
@@ -108,11 +155,11 @@ class History:
             known = update(VEHICLE).where(VEHICLE.c.vehicle == key["vehicle"]).values(**vehicle)
             if not connection.execute(known).rowcount:
                 connection.execute(insert(VEHICLE).values(vehicle=key["vehicle"], **vehicle))
-            for table in (ALERT, RESULT, FLIGHT):
+            for table in (ALERT, CONDITION, RESULT, FLIGHT):
                 same = (table.c.vehicle == key["vehicle"]) & (table.c.flight == key["flight"])
                 connection.execute(delete(table).where(same))
             connection.execute(insert(FLIGHT).values(**key, **flight))
-            for table, rows in ((RESULT, results), (ALERT, alerts)):
+            for table, rows in ((RESULT, results), (CONDITION, condition), (ALERT, alerts)):
                 if rows:
                     connection.execute(insert(table), rows)
 
@@ -158,19 +205,30 @@ class History:
 
     def results(self, vehicle: str) -> list[ResultRow]:
         """Return the results of a vehicle, oldest first; what was not known is NaN."""
-        columns = [
-            FLIGHT.c.started_us if name == "started_us" else RESULT.c[name] for name in ResultRow._fields
-        ]
-        joined = RESULT.join(
-            FLIGHT, (RESULT.c.vehicle == FLIGHT.c.vehicle) & (RESULT.c.flight == FLIGHT.c.flight)
+        order = (RESULT.c.motor, RESULT.c.estimator, RESULT.c.quantity)
+        return [ResultRow._make(row) for row in self._of_flights(RESULT, ResultRow._fields, vehicle, order)]
+
+    def condition(self, vehicle: str) -> list[ConditionRow]:
+        """Return the condition of a vehicle by regime, oldest first; what was not known is NaN."""
+        order = (CONDITION.c.motor, CONDITION.c.quantity, CONDITION.c.regime)
+        rows = self._of_flights(CONDITION, ConditionRow._fields, vehicle, order)
+        return [ConditionRow._make(row) for row in rows]
+
+    def _of_flights(
+        self, table: Table, names: Sequence[str], vehicle: str, order: Sequence[Column[Any]]
+    ) -> list[list[Any]]:
+        """Return columns of a table by flight, with when the flight started."""
+        columns = [FLIGHT.c.started_us if name == "started_us" else table.c[name] for name in names]
+        joined = table.join(
+            FLIGHT, (table.c.vehicle == FLIGHT.c.vehicle) & (table.c.flight == FLIGHT.c.flight)
         )
-        order = (FLIGHT.c.started_us, RESULT.c.flight, RESULT.c.motor, RESULT.c.estimator, RESULT.c.quantity)
         rows = self._rows(
-            select(*columns).select_from(joined).where(RESULT.c.vehicle == vehicle).order_by(*order)
+            select(*columns)
+            .select_from(joined)
+            .where(table.c.vehicle == vehicle)
+            .order_by(FLIGHT.c.started_us, table.c.flight, *order)
         )
-        return [
-            ResultRow._make(math.nan if value is None else value for value in row.values()) for row in rows
-        ]
+        return [[math.nan if value is None else value for value in row.values()] for row in rows]
 
     def mark(self, vehicle: str, mark: MarkRow) -> None:
         """Note a repair: a new baseline begins for this motor."""

@@ -78,6 +78,28 @@ MARK = Table(
     Column("what", Text, nullable=False),
 )
 
+CONDITION = Table(
+    "condition",
+    METADATA,
+    Column("vehicle", Text, primary_key=True),
+    Column("flight", Text, primary_key=True),
+    Column("motor", Integer, primary_key=True),
+    Column("quantity", Text, primary_key=True),
+    Column("regime", Text, primary_key=True),
+    Column("rotor", Integer, nullable=False),
+    Column("value", Double, nullable=False),
+    Column("spread", Double),
+    Column("seconds", Double, nullable=False),
+    Column("load", Double, nullable=False),
+    Column("voltage", Double),
+    Column("slope", Double),
+    Column("low", Double),
+    Column("high", Double),
+    Column("grows", Integer, nullable=False),
+    Column("due", Double),
+    Column("balance", Text, nullable=False),
+)
+
 STEPS: tuple[tuple[str, ...], ...] = (
     (
         """CREATE TABLE vehicle (
@@ -109,4 +131,14 @@ STEPS: tuple[tuple[str, ...], ...] = (
             what TEXT NOT NULL, PRIMARY KEY (vehicle, motor, at_us))""",
     ),
     ("ALTER TABLE result ADD COLUMN balance_quality DOUBLE PRECISION",),
+    (
+        """CREATE TABLE condition (
+            vehicle TEXT NOT NULL, flight TEXT NOT NULL, motor INTEGER NOT NULL, quantity TEXT NOT NULL,
+            regime TEXT NOT NULL, rotor INTEGER NOT NULL, value DOUBLE PRECISION NOT NULL,
+            spread DOUBLE PRECISION, seconds DOUBLE PRECISION NOT NULL, load DOUBLE PRECISION NOT NULL,
+            voltage DOUBLE PRECISION, slope DOUBLE PRECISION, low DOUBLE PRECISION, high DOUBLE PRECISION,
+            grows INTEGER NOT NULL, due DOUBLE PRECISION, balance TEXT NOT NULL,
+            PRIMARY KEY (vehicle, flight, motor, quantity, regime),
+            FOREIGN KEY (vehicle, flight) REFERENCES flight ON DELETE CASCADE)""",
+    ),
 )

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-CONFIDENCE = 0.95
+from gcs_health.condition.growth import CONFIDENCE, limit_of, line
+
 FLIGHTS_LEAST = 5  # for a trend; below, the interval of Sen (1968) covers all slopes seen, or more
 DAY_US = 86_400_000_000
-# Quantities that grow with wear, and the value at which a finding projects its date where the user
-# gives none: a multiple of the baseline's first value. A convention, not a measured limit of any part.
-GROWING = {"unbalance": 2.0, "drag": 1.5}
+CHANCE = 0.025  # that any of a vehicle's series without growth is told to grow
 
 
 class Point(NamedTuple):
@@ -38,6 +37,8 @@ class Trend(NamedTuple):
     limit : value at which maintenance is due.
     due_us, earliest_us, latest_us : when the line reaches it [UNIX µs], and with the interval's slopes;
         None = never at that slope.
+    grows : a maintenance finding: it grows for certain, all series of the vehicle considered, and has gone a
+        tenth of its way to the limit.
     """
 
     flights: int
@@ -50,11 +51,7 @@ class Trend(NamedTuple):
     due_us: int | None
     earliest_us: int | None
     latest_us: int | None
-
-    @property
-    def grows(self) -> bool:
-        """Whether the whole interval lies above zero: a maintenance finding."""
-        return self.low > 0.0
+    grows: bool
 
 
 class Mean(NamedTuple):
@@ -83,26 +80,32 @@ class Repair(NamedTuple):
     verdict: str
 
 
-def trend(points: Sequence[Point], quantity: str, limit: float | None = None) -> Trend | None:
+def trend(
+    points: Sequence[Point], quantity: str, limit: float | None = None, *, series: int = 1, usual: float = 0.0
+) -> Trend | None:
     """Fit the flights of one baseline, oldest first; None if they are fewer than `FLIGHTS_LEAST`.
 
-    Source: Theil-Sen slope, its interval by the order statistics of Sen (1968), JASA 63, section 5
-    (scipy.stats.theilslopes).
+    `series` : how many of the vehicle are looked at. `usual` : see `condition.growth.limit_of`.
     """
     if len(points) < FLIGHTS_LEAST or points[0].at_us == points[-1].at_us:
         return None
-    from scipy.stats import theilslopes  # loads for a second: only here
-
-    at = np.array([p.at_us for p in points], dtype=float)
-    days = (at - at[0]) / DAY_US
-    values = np.array([p.value for p in points])
-    slope, _, low, high = map(float, theilslopes(values, days, CONFIDENCE))
-    intercept = float(np.median(values - slope * days))  # its own leans to an odd flight's side
-    now = intercept + slope * days[-1]
+    first = points[0].at_us
+    days = [((point.at_us - first) / DAY_US, point.value) for point in points]
+    fitted = line(days, CHANCE / series)
     if limit is None:
-        limit = GROWING.get(quantity, 2.0) * intercept
-    due = [_reached(limit - now, s, points[-1].at_us) for s in (slope, high, low)]
-    return Trend(len(points), slope, low, high, intercept, float(now), limit, *due)
+        limit = limit_of(quantity, fitted.start, usual)
+    due, earliest, latest = (
+        _reached(limit - fitted.now, s, points[-1].at_us) for s in (fitted.slope, fitted.high, fitted.low)
+    )
+    return Trend(
+        len(points),
+        *fitted[:5],  # slope, its interval, start, now
+        limit,
+        due,
+        earliest,
+        latest,
+        fitted.grows(limit),
+    )
 
 
 def repair(before: Sequence[Point], after: Sequence[Point], *, less_is_better: bool) -> Repair:

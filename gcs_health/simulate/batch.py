@@ -79,12 +79,18 @@ def fly_many(
     imu_rate: float,
     esc_rate: float,
     faults: tuple[Fault, ...] | None = None,
+    *,
+    payload: Value = 1.0,
+    used: Value = 0.0,
 ) -> Flights:
     """Fly a scenario once for each seed, telemetry at `imu_rate` and `esc_rate` [Hz].
 
-    `faults` replace the scenario's; their rotor, at and size may be columns, one value a flight.
+    `faults` replace the scenario's; their rotor, at and size may be columns, one value a flight. So may `payload`,
+    factor on the mass, and `used`, what has gone of the battery's charge before [A h].
     """
     world = World(scenario, seeds, faults)
+    world.plant.mass = world.plant.mass * payload
+    world.plant.used = world.plant.used + used
     steps = round(scenario.trajectory.duration / world.dt)
     imu_every = max(1, round(1.0 / (imu_rate * world.dt)))
     esc_every = max(1, round(1.0 / (esc_rate * world.dt)))

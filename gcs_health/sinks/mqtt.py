@@ -16,6 +16,7 @@ from gcs_health.record.events import (
     EVENT_TYPES,
     AlertEvent,
     AutopilotEvent,
+    ConditionEvent,
     EstimateEvent,
     Event,
     SummaryEvent,
@@ -28,7 +29,13 @@ from gcs_health.sinks.contract import SinkError
 PORT = 1883
 TIMEOUT = 10.0  # s for the broker to answer
 TOPIC = "gcs_health"
-_LEVEL = {AlertEvent: "alert", VehicleEvent: "vehicle", SummaryEvent: "summary", AutopilotEvent: "autopilot"}
+_LEVEL = {
+    AlertEvent: "alert",
+    VehicleEvent: "vehicle",
+    SummaryEvent: "summary",
+    AutopilotEvent: "autopilot",
+    ConditionEvent: "condition",
+}
 
 
 class Mqtt:

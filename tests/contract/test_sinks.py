@@ -21,6 +21,7 @@ from gcs_health.record.events import (
     EVENT_TYPES,
     AlertEvent,
     AutopilotEvent,
+    ConditionEvent,
     Event,
     SummaryEvent,
     VehicleEvent,
@@ -81,6 +82,7 @@ def test_it_takes_what_it_says(end: End) -> None:
         alert(),
         alert(state="escalated", code="PROPELLER_LOST"),
         alert(state="cleared", code="PROPELLER_LOST"),
+        ConditionEvent(9.0, START_US, "7.1", ()),
         SummaryEvent(9.0, START_US, "7.1", 9.0, {}, {}, {}, (), (), ()),
     ]
     assert {type(event) for event in events} == EVENT_TYPES

@@ -11,7 +11,9 @@ import postgresql
 import pytest
 from recorded import FLIGHT, feed, two_flights
 
+from gcs_health.balance import figures, words
 from gcs_health.cli import main
+from gcs_health.condition.indicators import Indicator
 from gcs_health.errors import ConfigError
 from gcs_health.mavlink.dialect import default_dialect
 from gcs_health.mavlink.encoder import Encoder
@@ -95,6 +97,21 @@ def test_a_flight_stored_twice_is_one_and_the_later_counts(store: History) -> No
     assert [row["state"] for row in store.alerts("00ab")] == ["cleared"]
 
 
+def test_the_condition_of_a_flight_comes_back_by_regime_and_is_replaced_with_it(store: History) -> None:
+    hover = Indicator(2, 3, "unbalance", "hover", 2e-6, 1e-7, 60.0, 4e5, 15.2)
+    windy = hover._replace(regime="wind", value=3e-6, voltage=math.nan)
+    grew = hover._replace(slope=1e-6, low=5e-7, high=2e-6, grows=True, due=0.5, balance="2 g mm")
+    store.store(record(0, result(3, 2e-6))._replace(condition=(hover, windy)))
+    store.store(record(0, result(3, 2e-6))._replace(condition=(grew, windy)))
+    store.store(record(1, result(3, 2e-6)))
+    one, two = store.condition("00ab")
+    assert (one.flight, one.started_us, one.motor, one.regime) == (f"us:{BEGAN}", BEGAN, 3, "hover")
+    assert (one.value, one.seconds, one.load, one.voltage) == (2e-6, 60.0, 4e5, 15.2)
+    assert (one.slope, one.low, one.high, one.grows, one.due) == (1e-6, 5e-7, 2e-6, 1, 0.5)
+    assert (one.balance, two.balance) == ("2 g mm", "")
+    assert (two.regime, two.grows, math.isnan(two.voltage)) == ("wind", 0, True)
+
+
 def test_vehicles_are_found_by_what_people_call_them(store: History) -> None:
     store.store(record(0, result(1, 2e-6)))
     store.store(record(0, result(1, 2e-6))._replace(uid=None, vehicle="7.1", name="Hexa One"))
@@ -134,8 +151,11 @@ def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
     with monkeypatch.context() as older:
         older.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
         old = History(path)
-        old.store(record(0, alerts=(alert(),)))
         with old._transaction() as connection:  # as the version of then wrote it
+            connection.exec_driver_sql("INSERT INTO vehicle VALUES ('00ab', '1.1', 'Quad', 12, 2)")
+            connection.exec_driver_sql(
+                f"INSERT INTO flight VALUES ('00ab', 'us:{BEGAN}', {BEGAN}, 6.1, 600.0, '0.1')"
+            )
             connection.exec_driver_sql(
                 "INSERT INTO result (vehicle, flight, motor, estimator, quantity, rotor, value, samples, valid, "
                 f"status) VALUES ('00ab', 'us:{BEGAN}', 1, 'unbalance', 'unbalance', 0, 2e-6, 9, 9, 'valid')"
@@ -145,12 +165,13 @@ def test_an_older_store_is_brought_up_to_date_and_a_newer_one_refused(
         old.close()
     new = History(path)
     assert new.marks("00ab") == []
+    assert new.condition("00ab") == []
     (kept,) = new.results("00ab")
     assert (kept.value, math.isnan(kept.balance_quality)) == (2e-6, True)
     new.close()
     monkeypatch.setattr("gcs_health.record.history.STEPS", history_schema.STEPS[:1])
     with pytest.raises(
-        ConfigError, match=r"a newer gcs-health wrote this history \(schema 3, this one knows 1\)"
+        ConfigError, match=r"a newer gcs-health wrote this history \(schema 4, this one knows 1\)"
     ):
         History(path)
 
@@ -337,6 +358,72 @@ def test_a_mark_begins_a_new_baseline_and_says_whether_it_helped(
     rows = capsys.readouterr().out.splitlines()
     assert len(rows) == 1 + 26
     assert rows[1].startswith(f"00ab,Quad,us:{BEGAN},{BEGAN},2,unbalance,unbalance,")
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> str:
+    """Twelve flights; every third with a third more payload. Drag of motor 1 grows, unknown to plain means.
+
+    The plain unbalance of motor 3 falls with the payload, as the estimator's does that does not know of it.
+    """
+    path = str(tmp_path / "h.sqlite")
+    history = History(path)
+    noise = random.Random(4)
+    for k in range(12):
+        payload = 1.33 if k % 3 == 1 else 1.0
+        condition, results = [], []
+        for motor in (1, 2, 3, 4):
+            drag = (1.0 + 0.02 * k if motor == 1 else 1.0) + noise.gauss(0.0, 0.003)
+            unbalance = noise.gauss(2e-6 if motor == 3 else 1e-6, 2e-8) / payload
+            of_all = (motor - 1, motor)
+            condition += [
+                Indicator(*of_all, "drag", "hover", drag, 0.01, 300.0, 4e5 * payload, 15.0),
+                Indicator(*of_all, "unbalance", "hover", unbalance, 2e-8, 200.0, 4e5 * payload, 15.0),
+                Indicator(*of_all, "unbalance", "manoeuvre", 9e-6, 2e-8, 20.0, 4e5 * payload, 15.0),
+            ]
+            results += [
+                result(motor, unbalance),
+                result(motor, 1.0, "drag")._replace(estimator="motor_observer"),
+            ]
+        if k == 11:
+            condition[7] = condition[7]._replace(slope=1e-6, low=5e-7, high=2e-6, grows=True, due=0.5)
+            condition[7] = condition[7]._replace(balance=words(figures(2e-6, 0.127, 0.009, 632.5)))
+        history.store(record(7 * k, *results)._replace(condition=tuple(condition)))
+    history.close()
+    return path
+
+
+def test_trends_stand_on_flights_alike_and_say_so(mixed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["history", "--history", mixed, "quad"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    of = {
+        line.split(",")[0].strip(): lines[k + 1].strip()
+        for k, line in enumerate(lines)
+        if line.startswith("  motor")
+    }
+    (worn,) = (said for head, said in of.items() if head.startswith("motor 1  drag"))
+    assert worn.startswith("maintenance: grows by 0.0")
+    assert worn.endswith("(hover of 12 flights, 3600 s against the other rotors)")
+    others = [said for head, said in of.items() if not head.startswith("motor 1  drag")]
+    assert len(others) == 7
+    assert all(said.startswith("no growth that the flights bear out") for said in others)
+    assert all("payload taken out" in said for head, said in of.items() if "unbalance" in head)
+    (within,) = (line for line in lines if "grew within the flight" in line)
+    assert "maintenance: motor 3: unbalance 2 g mm (15.7 mg at the tip), G 250 at 6040 rpm grew" in within
+
+
+def test_a_repair_is_judged_by_flights_alike(mixed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    history = History(mixed)
+    for k in range(12, 15):
+        new = Indicator(0, 1, "drag", "hover", 1.0 + 0.001 * k, 0.01, 300.0, 4e5, 15.0)
+        history.store(record(7 * k, result(1, 1e-6))._replace(condition=(new,)))
+    history.mark("00ab", MarkRow(1, BEGAN + 80 * DAY_US, "new bearing"))
+    history.close()
+    assert main(["history", "--history", mixed, "quad", "--rotor", "1", "--format", "json"]) == 0
+    (vehicle,) = json.loads(capsys.readouterr().out)["vehicles"]
+    (drag,) = (each for each in vehicle["repairs"] if each["quantity"] == "drag")
+    assert (drag["verdict"], drag["before"]["flights"], drag["after"]["flights"]) == ("helped", 12, 3)
+    assert {each["regime"] for each in vehicle["condition"]} == {"hover", "manoeuvre"}
 
 
 @pytest.mark.parametrize(

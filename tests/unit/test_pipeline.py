@@ -102,7 +102,14 @@ def test_every_line_follows_the_published_schema() -> None:
     validator = jsonschema.Draft202012Validator(schema)
     written = [json.loads(line) for line in lines(replay(FLIGHT))]
     assert written[0]["schema"] == SCHEMA
-    assert {line["type"] for line in written} == {"vehicle", "estimate", "verdict", "alert", "summary"}
+    assert {line["type"] for line in written} == {
+        "vehicle",
+        "estimate",
+        "verdict",
+        "alert",
+        "condition",
+        "summary",
+    }
     for line in written:
         validator.validate(line)
     with pytest.raises(jsonschema.ValidationError):

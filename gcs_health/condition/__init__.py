@@ -1,0 +1,1 @@
+"""Condition for maintenance: indicators of each rotor by regime of flight, and whether they grow slowly."""
