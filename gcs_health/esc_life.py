@@ -6,6 +6,7 @@ NAN = math.nan
 LIVE_VOLTS = 0.5  # V; below, an ESC gives no voltage
 ALIVE = 1.0  # s since count or volts moved within which ArduPilot's rpm 0 is a stopped rotor
 HELD = 0.8  # s; ArduPilot holds a lost speed for 1 s, a speed that moved since was measured
+FALL, FAST = 0.025, 150.0  # s in which no motor stops that turned so fast [rad/s]
 ANEW = 5.0  # s back in time that are another axis and not a late sample
 
 
@@ -46,6 +47,7 @@ class Esc:
     __slots__ = (
         "changed",
         "count",
+        "cut",
         "moved",
         "packets",
         "raw",
@@ -62,6 +64,7 @@ class Esc:
         self.volts_seen = False
         self.speed = NAN  # last known [rad/s]; while four are well together, one of theirs
         self.timing = Timing()
+        self.cut = False  # its speeds have become 0 faster than any motor stops
         # ArduPilot's alone
         self.count: int | None = None
         self.packets = False  # count has ever moved
@@ -76,6 +79,14 @@ class Esc:
             self.speed = speed
         if speed > 0.0:
             self.turned = True
+
+    def lost(self, t: float, speed: float) -> bool:
+        """Whether a speed of 0 without volts is no data: it came at once where the motor was fast just before."""
+        if speed > 0.0:
+            self.cut = False
+        elif 0.0 < t - self.timing.news < FALL and self.speed > FAST:
+            self.cut = True
+        return self.cut
 
     def stopped(self, t: float, speed: float, volts: float, count: int) -> bool:
         """Follow ArduPilot's signs of life; return whether a speed of 0 would be a stopped rotor."""

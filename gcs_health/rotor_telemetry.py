@@ -3,7 +3,8 @@
 Zeros and repeats mean different things on the two autopilots (mavlink notes):
 
 PX4 ESC_STATUS     rpm 0 at 0 V where volts were seen = no data; with volts = stopped; where an ESC never
-                   gave volts a zero is a stopped rotor once it has turned, else nobody there.
+                   gave volts a zero is a stopped rotor once it has turned, else nobody there; but no
+                   motor is fast and stands 25 ms later: then its data is lost.
                    Older PX4 repeats ESC 0-3 in every batch (PX4#23596): a copy is no ESC of its own.
 ArduPilot          a dead ESC keeps its last V and A while a group mate lives; only rpm goes to 0, after
 ESC_TELEMETRY_x    a second. `count` moves with each telemetry packet: frozen, V and A are stale. rpm 0
@@ -251,7 +252,7 @@ class RotorTelemetry:
             if voltage > LIVE_VOLTS:
                 esc.volts_seen = True
             else:
-                if speed == 0.0 and (esc.volts_seen or not esc.turned):
+                if esc.lost(t, speed) or (speed == 0.0 and (esc.volts_seen or not esc.turned)):
                     continue
                 voltage = NAN
                 if not current:

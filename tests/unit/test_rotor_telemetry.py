@@ -115,6 +115,28 @@ def test_px4_zero_speed_under_volts_is_a_stopped_rotor(at: int) -> None:
     assert rotors.state(at, 1.1) is RotorState.STOPPED
 
 
+@pytest.mark.parametrize(("step", "lost"), [(0.01, True), (0.1, False)])
+def test_px4_without_volts_a_zero_that_no_motor_can_reach_is_lost_data(step: float, lost: bool) -> None:
+    rotors = telemetry()
+    for k in range(20):
+        rotors.feed(1.0 + step * k, px4(1.0 + step * k, TURNING, ZERO, ZERO))
+    t = 1.0 + step * 20
+    for k in range(5):
+        speeds = (500.0, 0.0, 520.0 + k, 530.0)
+        told = reading(rotors.feed(t + step * k, px4(t + step * k, speeds, ZERO, ZERO)))
+        assert math.isnan(told.speed[1]) == lost
+    told = reading(rotors.feed(t + step * 5, px4(t + step * 5, TURNING, ZERO, ZERO)))
+    assert told.speed == TURNING  # it is back
+
+
+def test_px4_without_volts_a_motor_that_runs_down_is_stopped() -> None:
+    rotors = telemetry()
+    for k, speed in enumerate((500.0, 480.0, 300.0, 160.0, 90.0, 30.0, 0.0, 0.0)):
+        t = 1.0 + 0.01 * k
+        told = reading(rotors.feed(t, px4(t, (500.0, speed, 520.0 + k, 530.0), ZERO, ZERO)))
+        assert told.speed[1] == speed
+
+
 def test_px4_without_volts_a_zero_is_true_once_the_esc_has_turned() -> None:
     rotors = telemetry()
     assert rotors.feed(0.9, px4(0.9, ZERO, ZERO, ZERO)) is None
