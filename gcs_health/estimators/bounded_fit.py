@@ -57,11 +57,17 @@ class Fit:
         """Return the standard deviation of each s."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def tangle(self) -> tuple[float, Array]:
-        """Return the smallest eigenvalue of the normalised Gram matrix [-], its eigenvector's (n,) entries."""
+    def tangle(self, below: float) -> Array:
+        """Return (n, n) how much of each rotor lies in what cannot be solved for, and which other may have it.
+
+        That is the projection onto all directions of the normalised Gram matrix with an eigenvalue `below`: of one
+        such direction alone any vector of their span might be shown, and where all rotors turn at one speed the
+        pair of the other spin.
+        """
         norm = 1.0 / np.maximum(np.sqrt(self._gram.diagonal()), 1e-300)
         values, vectors = np.linalg.eigh(self._gram * norm * norm[:, None])
-        return float(values[0]), np.abs(vectors[:-1, 0])
+        lost = vectors[:-1, values < below]
+        return np.abs(lost @ lost.T)
 
     def cost(self, low: Array, high: Array) -> float:
         """Return what it costs to hold every s within [low, high]: a chi-square difference.

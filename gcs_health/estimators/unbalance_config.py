@@ -86,8 +86,8 @@ class RecommendedConfig:
     flip_ratio: float = 1.8  # likewise, to see them wrong; this project
     flip_after: int = 4  # successive solutions that must say so; this project
     sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
-    inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
-    entangled: float = 0.3  # entry of its eigenvector
+    inseparable: float = 0.003  # eigenvalue of the normalised Gram matrix, below which nothing is solved for
+    entangled: float = 0.09  # entry of the projection onto those: 0.3 squared, of an eigenvector's entries
     # without a known damage and without a baseline: an outlier among its fellows; this project
     outlier: float = 5.0  # times the next largest amplitude
     outlier_chance: float = 0.002  # that the largest of n healthy ones, Rayleigh distributed, exceeds it

@@ -255,10 +255,7 @@ class RecommendedTracker:
                 verdict = self._undecided(verdict, tuple(sorted((verdict.rotor, rival))))
         if verdict.finding is Finding.ROTOR and not self._sign_known:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
-        together: tuple[int, ...] = ()
-        inseparable, tangle = best.tangle()
-        if inseparable < c.inseparable:
-            together = tuple(int(i) for i in np.flatnonzero(tangle > c.entangled))
+        together = self._together(best, verdict.rotor)
         if verdict.rotor in together and len(together) > 1:
             verdict = self._undecided(verdict, together)
         leak = NAN
@@ -280,6 +277,15 @@ class RecommendedTracker:
             _largest(best),
             lost,
         )
+
+    def _together(self, best: Fit, rotor: int) -> tuple[int, ...]:
+        """Return the rotors that cannot be told apart: those of the damaged one first, -1 = of the largest."""
+        c = self.config
+        shared = best.tangle(c.inseparable)
+        own = np.flatnonzero(shared[rotor if rotor >= 0 else int(np.argmax(best.s))] > c.entangled)
+        if len(own) < 2:
+            own = np.flatnonzero(shared[int(np.argmax(shared.diagonal()))] > c.entangled)
+        return tuple(own.tolist())
 
     def _undecided(self, verdict: Verdict, together: tuple[int, ...]) -> Verdict:
         """Return the verdict where the largest cannot be told from others: one of them, or nothing is known."""
