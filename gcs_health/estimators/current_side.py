@@ -26,7 +26,9 @@ class SideConfig:
     apart: float = 1.0  # between the exponents of the two sides, 1.9 and 2.9 with an idle; this project
     certain: float = 9.0  # twice the log-likelihood ratio of the two sides that decides; this project
     clear: float = 0.08  # that the exponent must be away from the cut at least; this project
-    steady: float = 0.35  # |w'| below this many w²/level a second; the sheet's 400 rad/s² is .73 in hover
+    # |w'| below this many w²/level a second; the sheet's 400 rad/s² is .73 in hover, and .35 let the tails of
+    # thrust pulses bend the slope of duty-driven motors, 1.5 for 1.9 and 2.6 for 3.1; this project
+    steady: float = 0.2
     slowest: float = 0.2  # of the level; an idle counts, a start does not
     bin_width: float = 0.15  # of log w: eight bins from idle to full
     least_in_bin: int = 6
