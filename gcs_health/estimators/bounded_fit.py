@@ -67,7 +67,8 @@ class Fit:
         norm = 1.0 / np.maximum(np.sqrt(self._gram.diagonal()), 1e-300)
         values, vectors = np.linalg.eigh(self._gram * norm * norm[:, None])
         lost = vectors[:-1, values < below]
-        return np.abs(lost @ lost.T)
+        out: Array = np.abs(lost @ lost.T)
+        return out
 
     def cost(self, low: Array, high: Array) -> float:
         """Return what it costs to hold every s within [low, high]: a chi-square difference.
