@@ -39,7 +39,7 @@ class SideConfig:
     scatter: float = 0.06  # of log i in a bin that no number of readings averages away; this project
     memory: int = 4000  # readings in a bin after which it forgets half
     every: float = 0.03  # s between two looks at a rotor; this project
-    decide_every: int = 16  # readings; this project
+    decide_every: int = 8  # readings; this project
     look_at: int = 3000  # steady readings in which a side given by the vehicle file is checked; this project
     braking: float = 0.7  # of the level a second; a rotor that falls so fast may be braked; this project
     braking_current: float = (
