@@ -3,6 +3,7 @@
     python benchmarks/motor_observer.py --flights 400 --seed 50000 delays      the table of delays and false alarms
     python benchmarks/motor_observer.py --flights 200 --seed 60000 slow        partial loss, friction, lost drive
     python benchmarks/motor_observer.py --flights 60 --seed 70000 identify     current side, constants
+    python benchmarks/motor_observer.py --flights 100 --seed 10100 curve       delay and alarms by threshold
     python benchmarks/motor_observer.py --flights 8 cost                       time a reading takes
 
 Four rotors (`motor_bench.py`), flights with take-off and landing. Delay is from the loss to the time of
@@ -22,9 +23,12 @@ from motor_bench import ROTORS, TORQUE_CONSTANT, Bench, Telemetry, Trouble, airf
 from gcs_health.airframe import Airframe, Motor
 from gcs_health.estimators.contract import Quantity, Reason
 from gcs_health.estimators.motor_observer import MotorObserver, MotorObserverConfig
+from gcs_health.estimators.motor_observer_config import RecommendedConfig
+from gcs_health.estimators.torque_balance import BalanceConfig
 
 BATCH = 100
 WITHIN = 2.0  # s
+CURVE = (3.0, 4.0, 5.0, 6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 20.0)  # thresholds
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,55 @@ def tally(row: Tally, bench: Bench, flight: int, cell: Cell, kind: str, verbose:
         print("   ", cell.name, kind, bench.seeds[flight], first, flush=True)
 
 
+def curve(args: argparse.Namespace) -> None:
+    """Print what each threshold of the sequential test would give; what is learned does not depend on it."""
+    never = ((0.01, 60.0), (0.1, 60.0))
+    config = MotorObserverConfig(recommended=RecommendedConfig(balance=BalanceConfig(thresholds=never)))
+    print("| case | threshold | found | median ms | 97.5 % ms | early or wrong | healthy: false alarms |")
+    print("|---|---|---|---|---|---|---|")
+    for cell in [CELLS[name] for name in args.cells or ("50 Hz", "50 Hz, J x0.5", "10 Hz averaged")]:
+        rows = {threshold: Tally() for threshold in CURVE}
+        for kind, seed in (("ejected", args.seed), ("none", args.seed + 5000)):
+            for bench in batches(args.flights, seed, Trouble(kind), cell.telemetry.lag, args.duration):
+                for flight in range(len(bench.seeds)):
+                    at = float(bench.at[flight]) if kind == "ejected" else math.inf
+                    watching = MotorObserver(cell.craft(bench, flight), config)
+                    for threshold, (t, rotor) in crossings(
+                        watching, bench, flight, cell, at + WITHIN
+                    ).items():
+                        row = rows[threshold]
+                        if kind == "none":
+                            row.false += 1
+                        elif t >= at and rotor == bench.rotor[flight]:
+                            row.waits.append(1e3 * (t - at))
+                        else:
+                            row.bad += 1
+        for threshold, row in rows.items():
+            median, late = np.percentile(row.waits or [math.nan], [50.0, 97.5])
+            print(
+                f"| {cell.name} | {threshold} | {len(row.waits)}/{args.flights} | {median:.0f} | {late:.0f} "
+                f"| {row.bad} | {share(row.false, args.flights)} |",
+                flush=True,
+            )
+
+
+def crossings(
+    watching: MotorObserver, bench: Bench, flight: int, cell: Cell, until: float
+) -> dict[float, tuple[float, int]]:
+    """Return when, and of which rotor, the log-likelihood ratio first passed each threshold."""
+    found: dict[float, tuple[float, int]] = {}
+    for reading in bench.readings(flight, cell.telemetry):
+        if reading.t > until:
+            break
+        watching.feed(reading)
+        for k, balance in enumerate(watching.core.balances):  # type: ignore[union-attr]
+            if balance.llr > CURVE[0]:
+                for threshold in CURVE:
+                    if balance.llr > threshold:
+                        found.setdefault(threshold, (reading.t, k))
+    return found
+
+
 def slow(args: argparse.Namespace) -> None:
     """Print what is made of partial losses, friction and lost drive."""
     cases = (
@@ -281,14 +334,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("campaign", choices=("delays", "slow", "identify", "cost"))
+    parser.add_argument("campaign", choices=("delays", "curve", "slow", "identify", "cost"))
     parser.add_argument("--flights", type=int, default=50, help="a row; a quarter at 500 Hz")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--duration", type=float, default=60.0, help="of a flight [s]")
-    parser.add_argument("--cells", nargs="*", help="rows of the table of delays")
+    parser.add_argument("--cells", nargs="*", help="rows of the tables of delays and thresholds")
     parser.add_argument("--verbose", action="store_true", help="name every false alarm")
     args = parser.parse_args()
-    {"delays": delays, "slow": slow, "identify": identify, "cost": cost}[args.campaign](args)
+    campaigns = {"delays": delays, "curve": curve, "slow": slow, "identify": identify, "cost": cost}
+    campaigns[args.campaign](args)
 
 
 if __name__ == "__main__":

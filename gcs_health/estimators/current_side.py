@@ -26,7 +26,9 @@ class SideConfig:
     apart: float = 1.0  # between the exponents of the two sides, 1.9 and 2.9 with an idle; this project
     certain: float = 9.0  # twice the log-likelihood ratio of the two sides that decides; this project
     clear: float = 0.08  # that the exponent must be away from the cut at least; this project
-    steady: float = 0.35  # |w'| below this many w²/level a second; the sheet's 400 rad/s² is .73 in hover
+    # |w'| below this many w²/level a second; the sheet's 400 rad/s² is .73 in hover, and .35 let the tails of
+    # thrust pulses bend the slope of duty-driven motors, 1.5 for 1.9 and 2.6 for 3.1; this project
+    steady: float = 0.2
     slowest: float = 0.2  # of the level; an idle counts, a start does not
     bin_width: float = 0.15  # of log w: eight bins from idle to full
     least_in_bin: int = 6
@@ -37,7 +39,7 @@ class SideConfig:
     scatter: float = 0.06  # of log i in a bin that no number of readings averages away; this project
     memory: int = 4000  # readings in a bin after which it forgets half
     every: float = 0.03  # s between two looks at a rotor; this project
-    decide_every: int = 16  # readings; this project
+    decide_every: int = 8  # readings; this project
     look_at: int = 3000  # steady readings in which a side given by the vehicle file is checked; this project
     braking: float = 0.7  # of the level a second; a rotor that falls so fast may be braked; this project
     braking_current: float = (

@@ -269,8 +269,16 @@ class RecommendedObserver:
             if sure and flown > c.learn_unknown and self.timing.decided is not None:
                 balance.constants = found.constants
                 balance.relearn()
+                balance.inertia_error = self._inertia_error(found)
         elif fit.time > c.learn:
             constants.c = found.c
+            balance.inertia_error = self._inertia_error(found)
+
+    def _inertia_error(self, found: Identified) -> float:
+        """Return what share of the inertial current may be wrong; where nothing taught the inertia, more."""
+        c = self.config.balance
+        spread = found.c_std / found.c if found.c > 0.0 else math.inf
+        return min(max(spread, c.inertia_error), c.inertia_unproven)
 
     def identified(self, rotor: int) -> Identified | None:
         """Return what flight has taught of one rotor's constants, in amperes."""

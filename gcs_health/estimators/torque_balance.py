@@ -36,7 +36,8 @@ class BalanceConfig:
     gap: float = 0.5  # s without a sample after which the balance starts anew
     current_noise: float = 0.2  # A
     speed_noise: float = 0.5  # rad/s, without the step of the telemetry
-    inertia_error: float = 0.3  # share of the inertial current
+    inertia_error: float = 0.3  # share of the inertial current, once flight has taught the inertia
+    inertia_unproven: float = 1.0  # before: the vehicle file may have half of it; this project
     drag_error: float = 0.12  # share of the drag: wind and what else is not modelled
     quick: float = 0.3  # 1/s, how fast eta may wander
     slow: float = 0.02  # 1/s, for slow damage
@@ -54,7 +55,7 @@ class BalanceConfig:
     no_load_noise: float = 0.7  # A
     single_range: tuple[float, float] = (-6.0, 3.0)
     # alarm above, by interval [s]: measured in benchmarks/motor_observer.md
-    thresholds: tuple[tuple[float, float], ...] = ((0.010, 7.0), (0.020, 12.0), (0.050, 9.0), (0.100, 5.0))
+    thresholds: tuple[tuple[float, float], ...] = ((0.010, 7.0), (0.020, 10.0), (0.050, 9.0), (0.100, 5.0))
     cap: float = 4.0  # the ratio stops growing so far above the threshold; this project
     clear_after: float = 1.0  # s with a ratio of 0 until a lost propeller is taken back; this project
 
@@ -89,6 +90,7 @@ class RotorBalance:
     llr : the sequential log-likelihood ratio. lost : whether it has raised an alarm.
     learned : time spent learning [s]. reference : eta when learning ended, NaN before.
     current_noise : of one sample [A]. full : w² from which an interval counts for slow damage [rad²/s²].
+    inertia_error : share of the inertial current that may be wrong.
     rows : the latest intervals for `motor_identification`: mean w², mean w, w', mean i, S, dt.
     """
 
@@ -114,6 +116,7 @@ class RotorBalance:
         "eta",
         "full",
         "h",
+        "inertia_error",
         "learned",
         "llr",
         "lost",
@@ -135,6 +138,7 @@ class RotorBalance:
         self.speed_variance = config.speed_noise**2
         self.current_noise = config.current_noise
         self.full = 0.0
+        self.inertia_error = config.inertia_unproven
         self._means = False  # whether a current is the mean since the last one
         self.rows: list[tuple[float, ...]] = []
         self._t = self._since = math.nan
@@ -168,6 +172,7 @@ class RotorBalance:
         lost = self.lost
         self.restart()
         self.lost = lost
+        self.inertia_error = self.config.inertia_unproven
 
     def sample(self, t: float, w: float, squares: float, i: float, judged: bool) -> bool:
         """Take speed, its square and current [rad/s, rad²/s², A] at t [s]; return whether an interval ended.
@@ -213,7 +218,7 @@ class RotorBalance:
         mean = self._area / dt
         h = k.a * squares
         inertial = k.c * rise
-        tenth = c.inertia_error * inertial
+        tenth = self.inertia_error * inertial
         model = c.drag_error * h
         noise = (
             self.current_noise * self.current_noise / (self._n + (0 if self._means else 1))

@@ -254,7 +254,8 @@ class RecommendedTracker:
             against = judge(other, ok_below, damaged_above, c.threshold, certain)
             if against.finding is not Finding.OK:
                 verdict = replace(verdict, finding=Finding.UNKNOWN)
-        if verdict.finding is Finding.ROTOR and other is not None and other.s.sum() > best.s.sum():
+        # the largest, not the sum: of a line that none of its rotors follows the wrong sign finds pieces on several
+        if verdict.finding is Finding.ROTOR and other is not None and other.s.max() > best.s.max():
             rival = int(np.argmax(other.s))
             if rival != verdict.rotor:
                 verdict = self._undecided(verdict, tuple(sorted((verdict.rotor, rival))))

@@ -158,9 +158,24 @@ def test_the_balance_closes_through_a_manoeuvre() -> None:
     assert 0.5 <= balance.detectable(0.01) <= 0.9
 
 
+@pytest.mark.parametrize("proven", [False, True])
+def test_an_inertia_that_no_flight_has_proven_is_not_held_against_the_propeller(proven: bool) -> None:
+    balance = RotorBalance(BalanceConfig(), Constants(A, F, 0.5 * C))
+    if proven:
+        balance.inertia_error = balance.config.inertia_error
+    w, highest = 550.0, 0.0
+    for k in range(2000):
+        i = 9.3 if k % 400 < 310 else -8.0  # braked now and then
+        w += 0.001 / C * (i - A * w * w - F * w)
+        if k % 20 == 0:
+            balance.sample(0.001 * k, w, w * w, i, True)
+            highest = max(highest, balance.llr)
+    assert highest > 8.0 if proven else highest < 2.0  # 10 is an alarm
+
+
 def test_thresholds_run_straight_between_rates() -> None:
     config = BalanceConfig()
     assert config.threshold(0.002) == 7.0
-    assert config.threshold(0.02) == 12.0
-    assert config.threshold(0.015) == pytest.approx(9.5)
+    assert config.threshold(0.02) == 10.0
+    assert config.threshold(0.015) == pytest.approx(8.5)
     assert config.threshold(0.3) == 5.0

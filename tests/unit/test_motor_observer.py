@@ -184,6 +184,7 @@ def test_motor_side_currents_are_recognised() -> None:
     for flight in (0, 1):
         observer, _ = watch(bench(), flight, until=20.5, current_side=None)
         assert observer.core.measured_on == "motor"
+        assert observer.core.side.exponent == pytest.approx(1.9, abs=0.15)  # by speed and by duty alike
 
 
 def test_the_lag_of_the_current_is_found() -> None:
