@@ -72,6 +72,7 @@ class RecommendedBank:
         self._failed_at = -math.inf
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
+        self._opened_until = -math.inf  # when the gate was last open [s]
         self._before: Tick | None = None
         self._push: Push | None = None  # at the last tick that is final
         self._pending: list[Step] = []  # ticks beyond the last rotor speeds
@@ -152,6 +153,7 @@ class RecommendedBank:
         blocked = None
         if not gains.known:
             blocked = Closed.EFFECTIVENESS_UNKNOWN
+            self._opened_until = -math.inf  # what was learned belongs to other gains
         elif self.rate_too_low():
             blocked = Closed.RATE_TOO_LOW
         gate = self.gate
@@ -161,8 +163,9 @@ class RecommendedBank:
         self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
         inflation = self.motion.inflation(tick, dt)
         if not is_open or not was_open:
-            self._start_over(speeds, opened=is_open)
+            self._start_over(speeds, opened=is_open, closed_for=t - self._opened_until)
             return False
+        self._opened_until = t
         self._pending.append(step_between(before, tick, dt, inflation))
         self._held_speeds.append(speeds)
         if t <= track.covered + shift:
@@ -177,14 +180,14 @@ class RecommendedBank:
         if age < 0.2 and self.gate.mean_speed > 0.6 * self.gains.hover:
             self.flying_time += dt
 
-    def _start_over(self, speeds: Sequence[float], opened: bool) -> None:
+    def _start_over(self, speeds: Sequence[float], opened: bool, closed_for: float) -> None:
         """No window, no block, no offset reaches across a closed gate."""
         if opened:
             squares = self.hover * self.hover
             self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
-            self.partial.restart()
+            self.partial.go_on(closed_for)
             self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()

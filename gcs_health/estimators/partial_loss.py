@@ -9,6 +9,10 @@ As in the fault bank, but of any size: of all rotors and windows the likeliest c
 above .10, which no healthy flight reached in 272 windows, and not by its likelihood alone, which slow
 aerodynamic forces raise too; and where this rotor's column explains most of what is there.
 
+A manoeuvre that closes the gate for a moment ends the windows and nothing else. The baseline is the vehicle's,
+not the manoeuvre's: learned anew each time it would take in a loss that came just before, and no rotor would be
+judged for three seconds.
+
 Source: sheet 1 section 7 step 7; sheet 5 section 3, partial loss.
 """
 
@@ -38,6 +42,7 @@ class PartialConfig:
     share: float = 0.6  # 2 LLR / Q
     spread: float = 0.03  # of theta in healthy flight
     hold_at_most: float = 60.0  # s that the offset stands still; this project
+    closed_at_most: float = 3.0  # s of closed gate after which the offset still holds; this project
 
 
 class PartialLoss:
@@ -53,8 +58,15 @@ class PartialLoss:
         self.rotors = rotors
         self.restart()
 
+    def go_on(self, closed_for: float) -> None:
+        """Take that the gate opened after so long [s]; what was seen before stands until it is judged anew."""
+        if closed_for > self.config.closed_at_most:
+            self.restart()
+        else:
+            self._recent.clear()
+
     def restart(self) -> None:
-        """Forget everything: the gate opened."""
+        """Forget everything: another flight, or perhaps another load."""
         self.rotor: int | None = None
         self.theta = self.llr = 0.0
         self.std = 1.0
@@ -89,8 +101,10 @@ class PartialLoss:
     def _judge(self, n: int) -> None:
         c = self.config
         shortest = c.windows[0]
+        if len(self._recent) < shortest:
+            return
         self.rotor = None
-        if len(self._recent) < shortest or self.time < c.settle:
+        if self.time < c.settle:
             return
         sums = np.array(self._recent)[::-1].cumsum(axis=0)[shortest - 1 :]
         N, D, Q = np.maximum(sums[:, :n], 0.0), sums[:, n : 2 * n] + 1e-12, sums[:, 2 * n]
