@@ -39,7 +39,9 @@ class Cell:
     values: list[float] = field(default_factory=list)
 
 
-def readings(folder: Path, name: str, cell: str, airframe: Airframe) -> list[Reading]:
+def readings(
+    folder: Path, name: str, cell: str, airframe: Airframe, phase: tuple[int, int] = (0, 0)
+) -> list[Reading]:
     """Return what reaches an estimator of one flight at one rate; nothing where the log is too slow."""
     keep = divisors(name, cell)
     if keep is None:
@@ -49,7 +51,7 @@ def readings(folder: Path, name: str, cell: str, airframe: Airframe) -> list[Rea
         airframe=airframe, stamped=True, estimators=("effectiveness",), tap=lambda _, r: out.append(r)
     )
     monitor = Monitor(config)
-    log = decimate(records(folder / f"{name}.tlog"), keep, (0, 0))
+    log = decimate(records(folder / f"{name}.tlog"), keep, phase)
     monitor.feed(b"".join(record.raw for record in log))
     return out
 
