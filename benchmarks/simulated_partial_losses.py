@@ -67,14 +67,14 @@ class Healthy:
     shown: int = 0  # flights in which any loss was
 
 
-def fly(vehicle: str, kind: str, loss: float, count: int, seed: int) -> Flown:
-    """Fly one kind of flight, `count` times; in every one a rotor loses this share of its own thrust."""
+def fly(vehicle: str, kind: str, loss: NDArray[np.float64], seed: int) -> Flown:
+    """Fly one kind of flight once for each loss: the share of its own thrust that a rotor then lacks."""
     plan = scenario(vehicle, *KINDS[kind])
     rng = np.random.default_rng(seed)
-    at = rng.uniform(*LOST_AT, count)
-    rotor = rng.integers(len(plan.vehicle.rotors), size=count)
-    seeds = [seed + k for k in range(count)]
-    own = np.array([one.eta_t for one in World(plan, seeds, ()).plant.rotors])[rotor, np.arange(count)]
+    at = rng.uniform(*LOST_AT, len(loss))
+    rotor = rng.integers(len(plan.vehicle.rotors), size=len(loss))
+    seeds = [seed + k for k in range(len(loss))]
+    own = np.array([one.eta_t for one in World(plan, seeds, ()).plant.rotors])[rotor, np.arange(len(loss))]
     fault = Fault("effectiveness", rotor, at, own * (1.0 - loss))
     flights = fly_many(plan, seeds, FASTEST, FASTEST, (fault,))
     return Flown(flights, replace(plan.vehicle.airframe(), effectiveness=Effectiveness()), at, rotor)
@@ -114,10 +114,11 @@ def listen(flown: Flown, flights: Flights, flight: int, healthy: Healthy) -> tup
     return first, final[0] if final else last
 
 
-def watch(flown: Flown, flights: Flights, loss: float, healthy: Healthy) -> Cell:
-    """Return what comes of every flight at one rate."""
-    cell = Cell()
-    for k, rotor in enumerate(flown.rotor):
+def watch(flown: Flown, flights: Flights, losses: NDArray[np.float64], healthy: Healthy) -> dict[float, Cell]:
+    """Return what comes of every flight at one rate, by size."""
+    cells = {loss: Cell() for loss in LOSSES}
+    for k, (rotor, loss) in enumerate(zip(flown.rotor, losses.tolist(), strict=True)):
+        cell = cells[loss]
         first, last = listen(flown, flights, k, healthy)
         cell.flights += 1
         if first is None or last is None:
@@ -127,7 +128,7 @@ def watch(flown: Flown, flights: Flights, loss: float, healthy: Healthy) -> Cell
         if last.rotor == rotor:
             cell.errors.append(last.loss - loss)
             cell.covered += abs(last.loss - loss) < 2.0 * last.std
-    return cell
+    return cells
 
 
 def rms(errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,15 +174,12 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|")
     for vehicle in args.vehicles:
         for kind in args.kinds:
-            cells: dict[tuple[str, float], Cell] = {}
-            for k, loss in enumerate(LOSSES):
-                flown = fly(vehicle, kind, loss, args.flights, args.seed + k * args.flights)
-                for rates in args.rates:
-                    flights = thinned(flown.flights, *map(float, rates.split("/")), late=False)
-                    cells[rates, loss] = watch(flown, flights, loss, healthy[vehicle, rates])
+            losses = np.repeat(LOSSES, args.flights)
+            flown = fly(vehicle, kind, losses, args.seed)
             for rates in args.rates:
-                for loss in LOSSES:
-                    print(row(vehicle, rates, kind, loss, cells[rates, loss]), flush=True)
+                flights = thinned(flown.flights, *map(float, rates.split("/")), late=False)
+                for loss, cell in watch(flown, flights, losses, healthy[vehicle, rates]).items():
+                    print(row(vehicle, rates, kind, loss, cell), flush=True)
     print(
         "\n| vehicle | IMU/ESC Hz | healthy min | flights | showing a loss, an hour |\n|---|---|---|---|---|"
     )

@@ -244,10 +244,9 @@ class RecommendedBank:
             self._freeze.quiet(t)
             self._row = (-1, 0)
         self._final_row = self._row
-        if self.failed is None:
-            self._next.add(step, tick, t > self._freeze.until)
-            if self._next.time >= self.config.lesson:
-                fell = self._learn(t) or fell
+        self._next.add(step, tick, t > self._freeze.until)
+        if self._next.time >= self.config.lesson:
+            fell = self._learn(t) or fell
         return fell
 
     def _speeds_at(self, t: float) -> Sequence[float]:
@@ -355,6 +354,8 @@ class RecommendedBank:
         self.failed = verdict.rotor
         self.verdict = verdict
         self._failed_at = t
+        self._next.clear()
+        self.partial.size(verdict.rotor)
         return True
 
     def _bears_a_name(self) -> bool:
@@ -373,6 +374,9 @@ class RecommendedBank:
         """Learn from the final ticks gathered; return whether the geometry became, or ceased to be, wrong."""
         c = self.config
         lesson, calm_ticks = self._next.begin()
+        if self.failed is not None:
+            self.partial.feed(lesson, self.gains.matrix)
+            return False
         self._learn_noise(lesson, calm_ticks)
         self.standing = self.bank.standing(self.tick_length)
         self.slow.feed(lesson, self.gains.matrix)

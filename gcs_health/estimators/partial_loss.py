@@ -60,14 +60,20 @@ class PartialLoss:
 
     def go_on(self, closed_for: float) -> None:
         """Take that the gate opened after so long [s]; what was seen before stands until it is judged anew."""
-        if closed_for > self.config.closed_at_most:
+        if closed_for > self.config.closed_at_most and self._named is None:
             self.restart()
         else:
             self._recent.clear()
 
+    def size(self, rotor: int) -> None:
+        """Take that this rotor was named by a faster rule: from now on only how much it lost is asked."""
+        self._recent.clear()
+        self.rotor, self._named = None, rotor
+
     def restart(self) -> None:
         """Forget everything: another flight, or perhaps another load."""
         self.rotor: int | None = None
+        self._named: int | None = None
         self.theta = self.llr = 0.0
         self.std = 1.0
         self.time = 0.0  # s since the restart
@@ -89,6 +95,8 @@ class PartialLoss:
         row = np.concatenate((-(weighted @ h), (1.0 / noise) @ (h * h), [float(weighted @ r)]))
         self._recent.append(row)
         self._judge(n)
+        if self._named is not None:
+            return
         if self.rotor is not None and self._held < c.hold_at_most:
             self._held += lesson.length
             return
@@ -120,6 +128,7 @@ class PartialLoss:
             and top > c.llr
             and top - float(best.max()) > c.lead
             and 2.0 * top > c.share * float(Q[row])
+            and self._named in (None, rotor)
         ):
             self.rotor, self.theta, self.llr = rotor, theta, top
             self.std = float((1.0 / D[row, rotor] + c.spread**2) ** 0.5)
