@@ -4,7 +4,7 @@
 
 From a time drawn while verdicts may be given, one rotor's speed is raised by 1 / sqrt(1 - loss): it turns faster
 for the same thrust, as after a loss that the controller has levelled. What is said 1.8 s later counts. Healthy:
-lessons of 0.2 s in which any rotor is seen to have lost more than .10. The thresholds are those of sheet 5, which
+lessons of 0.4 s in which any rotor is seen to have lost more than .10. The thresholds are those of sheet 5, which
 looked at these same flights.
 """
 
@@ -86,11 +86,12 @@ def healthy(flight: list[Reading], airframe: Airframe, until: float) -> tuple[in
             seen += bank.partial.rotor is not None
             times.append((reading.t, bank.gate.verdicts))
         told = bank.partial.time
-    ahead = round(AFTER / 0.2) + 1
+    lesson = estimator.config.recommended.lesson
+    ahead = round(AFTER / lesson) + 1
     starts = [
         times[k][0]
         for k in range(len(times) - ahead)
-        if times[k + ahead][0] - times[k][0] < 0.25 * ahead and all(ok for _, ok in times[k : k + ahead])
+        if times[k + ahead][0] - times[k][0] < 1.25 * lesson * ahead and all(ok for _, ok in times[k : k + ahead])
     ]
     return lessons, seen, starts
 
