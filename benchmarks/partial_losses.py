@@ -91,7 +91,8 @@ def healthy(flight: list[Reading], airframe: Airframe, until: float) -> tuple[in
     starts = [
         times[k][0]
         for k in range(len(times) - ahead)
-        if times[k + ahead][0] - times[k][0] < 1.25 * lesson * ahead and all(ok for _, ok in times[k : k + ahead])
+        if times[k + ahead][0] - times[k][0] < 1.25 * lesson * ahead
+        and all(ok for _, ok in times[k : k + ahead])
     ]
     return lessons, seen, starts
 

@@ -65,11 +65,6 @@ class PartialLoss:
         else:
             self._recent.clear()
 
-    def size(self, rotor: int) -> None:
-        """Take that this rotor was named by a faster rule: from now on only how much it lost is asked."""
-        self._recent.clear()
-        self.rotor, self._named = None, rotor
-
     def restart(self) -> None:
         """Forget everything: another flight, or perhaps another load."""
         self.rotor: int | None = None
@@ -80,6 +75,11 @@ class PartialLoss:
         self._held = 0.0  # s that the offset has stood still
         self._offset: Array = np.zeros(4)
         self._recent: deque[Array] = deque(maxlen=self.config.windows[1])  # [N, D, Q] of each lesson
+
+    def size(self, rotor: int) -> None:
+        """Take that this rotor was named by a faster rule: from now on only how much it lost is asked."""
+        self._recent.clear()
+        self.rotor, self._named = None, rotor
 
     def feed(self, lesson: Lesson, matrix: Array) -> None:
         """Take one lesson, with the gains G (4, n)."""
