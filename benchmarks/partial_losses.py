@@ -4,7 +4,7 @@
 
 From a time drawn while verdicts may be given, one rotor's speed is raised by 1 / sqrt(1 - loss): it turns faster
 for the same thrust, as after a loss that the controller has levelled. What is said 1.8 s later counts. Healthy:
-lessons of 0.2 s in which any rotor is seen to have lost more than .10. The thresholds are those of sheet 5, which
+lessons of 0.4 s in which any rotor is seen to have lost more than .10. The thresholds are those of sheet 5, which
 looked at these same flights.
 """
 
@@ -39,7 +39,9 @@ class Cell:
     values: list[float] = field(default_factory=list)
 
 
-def readings(folder: Path, name: str, cell: str, airframe: Airframe) -> list[Reading]:
+def readings(
+    folder: Path, name: str, cell: str, airframe: Airframe, phase: tuple[int, int] = (0, 0)
+) -> list[Reading]:
     """Return what reaches an estimator of one flight at one rate; nothing where the log is too slow."""
     keep = divisors(name, cell)
     if keep is None:
@@ -49,7 +51,7 @@ def readings(folder: Path, name: str, cell: str, airframe: Airframe) -> list[Rea
         airframe=airframe, stamped=True, estimators=("effectiveness",), tap=lambda _, r: out.append(r)
     )
     monitor = Monitor(config)
-    log = decimate(records(folder / f"{name}.tlog"), keep, (0, 0))
+    log = decimate(records(folder / f"{name}.tlog"), keep, phase)
     monitor.feed(b"".join(record.raw for record in log))
     return out
 
@@ -84,11 +86,13 @@ def healthy(flight: list[Reading], airframe: Airframe, until: float) -> tuple[in
             seen += bank.partial.rotor is not None
             times.append((reading.t, bank.gate.verdicts))
         told = bank.partial.time
-    ahead = round(AFTER / 0.2) + 1
+    lesson = estimator.config.recommended.lesson
+    ahead = round(AFTER / lesson) + 1
     starts = [
         times[k][0]
         for k in range(len(times) - ahead)
-        if times[k + ahead][0] - times[k][0] < 0.25 * ahead and all(ok for _, ok in times[k : k + ahead])
+        if times[k + ahead][0] - times[k][0] < 1.25 * lesson * ahead
+        and all(ok for _, ok in times[k : k + ahead])
     ]
     return lessons, seen, starts
 

@@ -12,14 +12,19 @@ on were looked at while rules were chosen; report with others.
 
 import argparse
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from gcs_health.airframe import Airframe, Effectiveness
-from gcs_health.estimators.effectiveness import EffectivenessEstimator
+from gcs_health.estimators.effectiveness import EffectivenessConfig, EffectivenessEstimator
 from gcs_health.simulate.batch import Flights, fly_many
+from gcs_health.simulate.detect import wilson
 from gcs_health.simulate.faults import Fault
 from gcs_health.simulate.scenario import Scenario, load_scenario
 from gcs_health.simulate.telemetry import BOOTED
@@ -31,10 +36,29 @@ FASTEST = 500.0  # Hz, telemetry as flown, of which every n-th is kept
 FOUND_WITHIN = 0.5  # s
 
 
-def scenario(vehicle: str, kind: str) -> Scenario:
-    """Return a flight in light wind."""
+class Flown(NamedTuple):
+    """Flights of one kind with a fault each: its rotor and time [s of flight], telemetry as fast as flown."""
+
+    flights: Flights
+    airframe: Airframe  # what the estimator is told: no gains
+    at: NDArray[np.float64]
+    rotor: NDArray[np.int64]
+
+
+class Outcome(NamedTuple):
+    """What came of one flight: found, wrong (rotor), early or missed; delay [s]; healthy time watched [s]."""
+
+    kind: str
+    what: str
+    delay: float
+    healthy: float
+
+
+def scenario(vehicle: str, kind: str, wind: float = 4.0, turbulence: str = "low") -> Scenario:
+    """Return a flight, in light wind [m/s] if not said otherwise."""
     changes = [f"vehicle={vehicle}", f"trajectory.kind={kind}", f"trajectory.duration={DURATION}"]
-    changes += ["trajectory.height=12", "trajectory.lands=false", "trajectory.speed=8", "wind.speed=4"]
+    changes += ["trajectory.height=12", "trajectory.lands=false", "trajectory.speed=8"]
+    changes += [f"wind.speed={wind}", f"wind.turbulence={turbulence}"]
     return load_scenario("healthy_quad", changes)
 
 
@@ -54,11 +78,40 @@ def thinned(flights: Flights, imu_rate: float, esc_rate: float, late: bool) -> F
     )
 
 
+def fly(vehicle: str, kind: str, count: int, seed: int) -> Flown:
+    """Fly one kind of flight, `count` times; every one loses a propeller."""
+    plan = scenario(vehicle, kind)
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(*LOST_AT, count)
+    rotor = rng.integers(len(plan.vehicle.rotors), size=count)
+    seeds = [seed + k for k in range(count)]
+    flights = fly_many(plan, seeds, FASTEST, FASTEST, (Fault("propeller_lost", rotor, at),))
+    return Flown(flights, replace(plan.vehicle.airframe(), effectiveness=Effectiveness()), at, rotor)
+
+
+def watch(
+    flown: Flown, kind: str, flights: Flights, commands: bool, config: EffectivenessConfig | None = None
+) -> list[Outcome]:
+    """Return what comes of every flight at one rate."""
+    out = []
+    for k, (at, rotor) in enumerate(zip(flown.at, flown.rotor, strict=True)):
+        t, named, healthy = verdict(flights, k, flown.airframe, BOOTED + at, commands, config)
+        delay = t - BOOTED - at
+        what = "missed" if delay != delay else "early" if delay < 0.0 else "found"
+        out.append(Outcome(kind, "wrong" if what == "found" and named != rotor else what, delay, healthy))
+    return out
+
+
 def verdict(
-    flights: Flights, flight: int, airframe: Airframe, lost_at: float, commands: bool = False
+    flights: Flights,
+    flight: int,
+    airframe: Airframe,
+    lost_at: float,
+    commands: bool = False,
+    config: EffectivenessConfig | None = None,
 ) -> tuple[float, int, float]:
     """Return (time, rotor) of the first failure named, NaN and -1 if none, and seconds of open gate before."""
-    estimator = EffectivenessEstimator(airframe)
+    estimator = EffectivenessEstimator(airframe, config)
     flown = 0.0
     for reading in flights.readings(flight, commands):
         told = estimator.feed(reading)
@@ -85,50 +138,60 @@ def main() -> None:
     parser.add_argument("--commands", action="store_true", help="motor commands too, at the IMU's rate")
     args = parser.parse_args()
     print(
-        "| vehicle | IMU/ESC Hz | healthy min | false alarms | lost: found | right | median ms | 97.5 % ms |"
+        "| vehicle | IMU/ESC Hz | healthy min | false alarms, an hour | lost: found, % | wrong rotor | "
+        "median ms | 97.5 % ms | missed |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for vehicle in args.vehicles:
-        outcome: dict[str, list[tuple[str, float, float]]] = defaultdict(list)
+        outcomes: dict[str, list[Outcome]] = defaultdict(list)
         for kind in KINDS:
-            fly(args, vehicle, kind, outcome)
-        for rates, flights in outcome.items():
-            print(row(vehicle, rates, flights), flush=True)
+            flown = fly(vehicle, kind, args.flights, args.seed)
+            for rates in args.rates:
+                flights = thinned(flown.flights, *map(float, rates.split("/")), late=args.late)
+                outcomes[rates] += watch(flown, kind, flights, args.commands)
+        for rates, some in outcomes.items():
+            print(row(vehicle, rates, some), flush=True)
 
 
-def fly(
-    args: argparse.Namespace, vehicle: str, kind: str, outcome: dict[str, list[tuple[str, float, float]]]
-) -> None:
-    """Fly one kind of flight and add (what, delay, healthy seconds) of every flight to its rates."""
-    plan = scenario(vehicle, kind)
-    rng = np.random.default_rng(args.seed)
-    at = rng.uniform(*LOST_AT, args.flights)
-    rotor = rng.integers(len(plan.vehicle.rotors), size=args.flights)
-    seeds = [args.seed + k for k in range(args.flights)]
-    flown = fly_many(plan, seeds, FASTEST, FASTEST, (Fault("propeller_lost", rotor, at),))
-    airframe = replace(plan.vehicle.airframe(), effectiveness=Effectiveness())
-    for rates in args.rates:
-        flights = thinned(flown, *(float(rate) for rate in rates.split("/")), late=args.late)
-        for k in range(args.flights):
-            t, named, healthy = verdict(flights, k, airframe, BOOTED + at[k], args.commands)
-            delay = t - BOOTED - at[k]
-            what = "missed" if delay != delay else "early" if delay < 0.0 else "found"
-            if what == "found" and named != rotor[k]:
-                what = "wrong"
-            outcome[rates].append((what, delay, healthy))
-
-
-def row(vehicle: str, rates: str, flights: list[tuple[str, float, float]]) -> str:
-    """Return one row of the table."""
-    delays = [delay * 1e3 for what, delay, _ in flights if what in ("found", "wrong")]
-    count = {what: sum(other == what for other, _, _ in flights) for what in ("found", "wrong", "early")}
-    quantiles = np.percentile(delays, [50, 97.5]) if delays else [math.nan] * 2
-    healthy = sum(seconds for _, _, seconds in flights) / 60.0
+def row(vehicle: str, rates: str, outcomes: list[Outcome]) -> str:
+    """Return one row of the table; intervals are of 95 %."""
+    count = Counter(outcome.what for outcome in outcomes)
+    delays = [o.delay * 1e3 for o in outcomes if o.what in ("found", "wrong")]
+    lost = len(outcomes) - count["early"]
+    healthy = sum(outcome.healthy for outcome in outcomes)
+    low, high = (100.0 * share for share in wilson(len(delays), lost))
+    missed = Counter(outcome.kind for outcome in outcomes if outcome.what == "missed")
     return (
-        f"| {vehicle} | {rates} | {healthy:.1f} | {count['early']} | "
-        f"{len(delays)}/{len(flights) - count['early']} | {count['found']} | "
-        f"{quantiles[0]:.0f} | {quantiles[1]:.0f} |"
+        f"| {vehicle} | {rates} | {healthy / 60.0:.1f} | {hourly(count['early'], healthy / 3600.0)} | "
+        f"{len(delays)}/{lost}, {low:.1f}-{high:.1f} | {count['wrong']} | "
+        f"{quantile(delays, 50.0)} | {quantile(delays, 97.5)} | "
+        f"{', '.join(f'{kind} {number}' for kind, number in missed.items()) or '-'} |"
     )
+
+
+def hourly(count: int, hours: float) -> str:
+    """Return events an hour within the bounds that a Poisson process may have; one-sided if there was none."""
+    if not count:
+        return f"0, < {-math.log(0.05) / hours:.1f}"
+    low, high = chi2.ppf(0.025, 2 * count) / 2.0, chi2.ppf(0.975, 2 * count + 2) / 2.0
+    return f"{count}, {low / hours:.1f}-{high / hours:.1f}"
+
+
+def quantile(values: list[float], percent: float) -> str:
+    """Return a quantile with what resampling the flights makes of it."""
+    if not values:
+        return "-"
+    low, high = resampled(values, lambda some: np.percentile(some, percent, axis=1))
+    return f"{np.percentile(values, percent):.0f} ({low:.0f}-{high:.0f})"
+
+
+def resampled(
+    values: Sequence[float], of: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> tuple[float, float]:
+    """Return the bootstrap's 95 % interval of a statistic; `of` takes (resamples, values)."""
+    draws = np.random.default_rng(0).choice(np.asarray(values), (1000, len(values)))
+    low, high = np.percentile(of(draws), [2.5, 97.5])
+    return float(low), float(high)
 
 
 if __name__ == "__main__":

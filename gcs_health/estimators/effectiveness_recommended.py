@@ -72,6 +72,7 @@ class RecommendedBank:
         self._failed_at = -math.inf
         self.open_time = 0.0  # s of open gate so far
         self.flying_time = 0.0  # s with fresh rotor speeds above 60 % of hover
+        self._opened_until = -math.inf  # when the gate was last open [s]
         self._before: Tick | None = None
         self._push: Push | None = None  # at the last tick that is final
         self._pending: list[Step] = []  # ticks beyond the last rotor speeds
@@ -152,6 +153,7 @@ class RecommendedBank:
         blocked = None
         if not gains.known:
             blocked = Closed.EFFECTIVENESS_UNKNOWN
+            self._opened_until = -math.inf  # what was learned belongs to other gains
         elif self.rate_too_low():
             blocked = Closed.RATE_TOO_LOW
         gate = self.gate
@@ -161,8 +163,9 @@ class RecommendedBank:
         self._count_time(dt if dt < 0.1 else 0.1, age, is_open)
         inflation = self.motion.inflation(tick, dt)
         if not is_open or not was_open:
-            self._start_over(speeds, opened=is_open)
+            self._start_over(speeds, opened=is_open, closed_for=t - self._opened_until)
             return False
+        self._opened_until = t
         self._pending.append(step_between(before, tick, dt, inflation))
         self._held_speeds.append(speeds)
         if t <= track.covered + shift:
@@ -177,14 +180,14 @@ class RecommendedBank:
         if age < 0.2 and self.gate.mean_speed > 0.6 * self.gains.hover:
             self.flying_time += dt
 
-    def _start_over(self, speeds: Sequence[float], opened: bool) -> None:
+    def _start_over(self, speeds: Sequence[float], opened: bool, closed_for: float) -> None:
         """No window, no block, no offset reaches across a closed gate."""
         if opened:
             squares = self.hover * self.hover
             self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
             self.noise.restart()
             self.slow.restart()
-            self.partial.restart()
+            self.partial.go_on(closed_for)
             self._push = push(speeds, self.gains)
         if self.bank.ticks or self._pending:
             self.bank.clear()
@@ -241,10 +244,9 @@ class RecommendedBank:
             self._freeze.quiet(t)
             self._row = (-1, 0)
         self._final_row = self._row
-        if self.failed is None:
-            self._next.add(step, tick, t > self._freeze.until)
-            if self._next.time >= self.config.lesson:
-                fell = self._learn(t) or fell
+        self._next.add(step, tick, t > self._freeze.until)
+        if self._next.time >= self.config.lesson:
+            fell = self._learn(t) or fell
         return fell
 
     def _speeds_at(self, t: float) -> Sequence[float]:
@@ -316,14 +318,15 @@ class RecommendedBank:
             self._refine(t)
             return False
         c = self.config
-        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        slow = self.track.interval > c.slow_rotor_speeds
+        least = c.short_order.ticks if slow and not self.commanded.trusted else 0
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma, least)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze.half_way(t)
             self.standing = self.bank.standing(self.tick_length)
         else:
             self._freeze.quiet(t)
         rotor, row = self._row
-        slow = self.track.interval > c.slow_rotor_speeds
         passes = verdict.passes and self.gate.verdicts and not self.contradicted
         if passes and not (slow and self._may_be_order(verdict)):
             row = row + 1 if verdict.rotor == rotor else 1
@@ -352,6 +355,8 @@ class RecommendedBank:
         self.failed = verdict.rotor
         self.verdict = verdict
         self._failed_at = t
+        self._next.clear()
+        self.partial.size(verdict.rotor)
         return True
 
     def _bears_a_name(self) -> bool:
@@ -370,6 +375,9 @@ class RecommendedBank:
         """Learn from the final ticks gathered; return whether the geometry became, or ceased to be, wrong."""
         c = self.config
         lesson, calm_ticks = self._next.begin()
+        if self.failed is not None:
+            self.partial.feed(lesson, self.gains.matrix)
+            return False
         self._learn_noise(lesson, calm_ticks)
         self.standing = self.bank.standing(self.tick_length)
         self.slow.feed(lesson, self.gains.matrix)

@@ -100,10 +100,13 @@ def lost(core: RecommendedBank, t: float, rotor: int) -> Estimate:
         ("imu_step_s", core.blocks.step),
         ("rotor_speed_step_s", core.track.interval),
     )
-    value = min(max(1.0 - verdict.theta, 0.0), 1.5)
     p = max(1.0 / (1.0 + none + rival), 0.9001)
+    partial = core.partial
     # 1 / sqrt(D) knows noise alone, not what the model is wrong by
-    std = math.hypot(verdict.std, core.config.partial.spread)
+    theta, std = verdict.theta, math.hypot(verdict.std, partial.config.spread)
+    if partial.rotor == rotor and theta + 2.0 * std < 1.0:  # not all is lost: a second tells better how much
+        theta, std = partial.theta, partial.std
+    value = min(max(1.0 - theta, 0.0), 1.5)
     return estimate(t, rotor, value, std, p, Status.VALID, [], NAN, evidence)
 
 

@@ -9,6 +9,10 @@ As in the fault bank, but of any size: of all rotors and windows the likeliest c
 above .10, which no healthy flight reached in 272 windows, and not by its likelihood alone, which slow
 aerodynamic forces raise too; and where this rotor's column explains most of what is there.
 
+A manoeuvre that closes the gate for a moment ends the windows and nothing else. The baseline is the vehicle's,
+not the manoeuvre's: learned anew each time it would take in a loss that came just before, and no rotor would be
+judged for three seconds.
+
 Source: sheet 1 section 7 step 7; sheet 5 section 3, partial loss.
 """
 
@@ -38,6 +42,7 @@ class PartialConfig:
     share: float = 0.6  # 2 LLR / Q
     spread: float = 0.03  # of theta in healthy flight
     hold_at_most: float = 60.0  # s that the offset stands still; this project
+    closed_at_most: float = 3.0  # s of closed gate after which the offset still holds; this project
 
 
 class PartialLoss:
@@ -53,15 +58,28 @@ class PartialLoss:
         self.rotors = rotors
         self.restart()
 
+    def go_on(self, closed_for: float) -> None:
+        """Take that the gate opened after so long [s]; what was seen before stands until it is judged anew."""
+        if closed_for > self.config.closed_at_most and self._named is None:
+            self.restart()
+        else:
+            self._recent.clear()
+
     def restart(self) -> None:
-        """Forget everything: the gate opened."""
+        """Forget everything: another flight, or perhaps another load."""
         self.rotor: int | None = None
+        self._named: int | None = None
         self.theta = self.llr = 0.0
         self.std = 1.0
         self.time = 0.0  # s since the restart
         self._held = 0.0  # s that the offset has stood still
         self._offset: Array = np.zeros(4)
         self._recent: deque[Array] = deque(maxlen=self.config.windows[1])  # [N, D, Q] of each lesson
+
+    def size(self, rotor: int) -> None:
+        """Take that this rotor was named by a faster rule: from now on only how much it lost is asked."""
+        self._recent.clear()
+        self.rotor, self._named = None, rotor
 
     def feed(self, lesson: Lesson, matrix: Array) -> None:
         """Take one lesson, with the gains G (4, n)."""
@@ -77,6 +95,8 @@ class PartialLoss:
         row = np.concatenate((-(weighted @ h), (1.0 / noise) @ (h * h), [float(weighted @ r)]))
         self._recent.append(row)
         self._judge(n)
+        if self._named is not None:
+            return
         if self.rotor is not None and self._held < c.hold_at_most:
             self._held += lesson.length
             return
@@ -89,8 +109,10 @@ class PartialLoss:
     def _judge(self, n: int) -> None:
         c = self.config
         shortest = c.windows[0]
+        if len(self._recent) < shortest:
+            return
         self.rotor = None
-        if len(self._recent) < shortest or self.time < c.settle:
+        if self.time < c.settle:
             return
         sums = np.array(self._recent)[::-1].cumsum(axis=0)[shortest - 1 :]
         N, D, Q = np.maximum(sums[:, :n], 0.0), sums[:, n : 2 * n] + 1e-12, sums[:, 2 * n]
@@ -106,6 +128,7 @@ class PartialLoss:
             and top > c.llr
             and top - float(best.max()) > c.lead
             and 2.0 * top > c.share * float(Q[row])
+            and self._named in (None, rotor)
         ):
             self.rotor, self.theta, self.llr = rotor, theta, top
             self.std = float((1.0 / D[row, rotor] + c.spread**2) ** 0.5)

@@ -153,3 +153,11 @@ def test_while_gains_are_not_learned_rotors_in_each_others_seats_name_nobody() -
         sure.add_final(tick, -1.0)
     assert judged(sure).passes  # who believes in his geometry has no other explanation
     assert not judged(wrong).passes
+
+
+@pytest.mark.parametrize(("tick", "least"), [(0.004, 6), (0.008, 3), (0.01, 3), (0.02, 2), (0.04, 2)])
+def test_the_shortest_window_is_one_of_time_and_never_of_one_tick(tick: float, least: int) -> None:
+    bank = FaultBank(ROTORS, 3, BankConfig())
+    for count, one in enumerate(ticks(8, lost=1, seed=2), 1):
+        bank.add_final(one, -2.4)
+        assert bank.judge(tick, 5.0, 1.0).passes is (count >= least)

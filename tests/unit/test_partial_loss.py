@@ -5,6 +5,7 @@ from synthetic_flight import Scenario, airframe, fly
 
 from gcs_health.estimators.contract import Estimate, Status
 from gcs_health.estimators.effectiveness import EffectivenessEstimator
+from gcs_health.gate import Closed
 
 
 def last(scenario: Scenario) -> list[Estimate]:
@@ -46,3 +47,39 @@ def test_a_healthy_flight_shows_no_loss(rotors: int) -> None:
         estimator.feed(reading)
         assert bank.partial.rotor is None
     assert bank.partial.time > 5.0
+
+
+@pytest.mark.parametrize("closed", [0.2, 4.0])
+def test_a_gate_closed_for_a_moment_by_the_loss_does_not_swallow_it(closed: float) -> None:
+    scenario = Scenario(4, duration=14.0, at=7.0, lost=1, left=0.7, imu_hz=100.0, esc_hz=50.0, seed=4)
+    estimator = EffectivenessEstimator(airframe(4))
+    bank = estimator.bank
+    assert bank is not None
+    first = None
+    for reading in fly(scenario):
+        estimator.feed(reading)
+        if 7.05 < reading.t < 7.05 + closed:
+            bank.gate.close(Closed.CONTACT)
+        elif first is None and bank.partial.rotor is not None:
+            first = reading.t
+    if closed > 3.0:  # who knows what it carries now
+        assert first is None
+        return
+    assert first is not None
+    assert first < 7.05 + closed + bank.config.gate.open_after + 1.7
+    assert bank.partial.rotor == 1
+    assert abs(bank.partial.theta - 0.3) < 2.0 * bank.partial.std
+
+
+def test_a_large_loss_named_at_once_is_sized_better_a_second_later() -> None:
+    scenario = Scenario(4, duration=9.0, at=6.0, lost=2, left=0.4, imu_hz=100.0, esc_hz=50.0, seed=4)
+    estimator = EffectivenessEstimator(airframe(4))
+    spreads = []
+    for reading in fly(scenario):
+        estimator.feed(reading)
+        if estimator.bank is not None and estimator.bank.failed == 2:
+            estimate = estimator.estimates(reading.t)[2]
+            assert estimate.failure_probability > 0.9
+            assert abs(estimate.value - 0.4) < 3.0 * estimate.std
+            spreads.append(estimate.std)
+    assert spreads[-1] < 0.8 * spreads[0]
