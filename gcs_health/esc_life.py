@@ -6,7 +6,8 @@ NAN = math.nan
 LIVE_VOLTS = 0.5  # V; below, an ESC gives no voltage
 ALIVE = 1.0  # s since count or volts moved within which ArduPilot's rpm 0 is a stopped rotor
 HELD = 0.8  # s; ArduPilot holds a lost speed for 1 s, a speed that moved since was measured
-FALL, FAST = 0.025, 150.0  # s in which no motor stops that turned so fast [rad/s]
+# no motor stops within so many s that was so fast, of its fastest, and had spun for so many s
+FALL, FAST, SPUN = 0.025, 0.3, 1.0
 ANEW = 5.0  # s back in time that are another axis and not a late sample
 
 
@@ -48,10 +49,12 @@ class Esc:
         "changed",
         "count",
         "cut",
+        "fastest",
         "moved",
         "packets",
         "raw",
         "speed",
+        "spinning",
         "timing",
         "turned",
         "volts",
@@ -64,6 +67,8 @@ class Esc:
         self.volts_seen = False
         self.speed = NAN  # last known [rad/s]; while four are well together, one of theirs
         self.timing = Timing()
+        self.fastest = 0.0  # [rad/s], where it gives no volts; likewise
+        self.spinning = math.inf  # since when [s]
         self.cut = False  # its speeds have become 0 faster than any motor stops
         # ArduPilot's alone
         self.count: int | None = None
@@ -84,8 +89,12 @@ class Esc:
         """Whether a speed of 0 without volts is no data: it came at once where the motor was fast just before."""
         if speed > 0.0:
             self.cut = False
-        elif 0.0 < t - self.timing.news < FALL and self.speed > FAST:
-            self.cut = True
+            self.fastest = max(self.fastest, speed)
+            self.spinning = min(self.spinning, t)
+        elif not self.cut:
+            fell = 0.0 < t - self.timing.news < FALL and self.speed > FAST * self.fastest
+            self.cut = fell and t - self.spinning > SPUN
+            self.spinning = math.inf
         return self.cut
 
     def stopped(self, t: float, speed: float, volts: float, count: int) -> bool:

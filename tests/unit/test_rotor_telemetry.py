@@ -118,9 +118,9 @@ def test_px4_zero_speed_under_volts_is_a_stopped_rotor(at: int) -> None:
 @pytest.mark.parametrize(("step", "lost"), [(0.01, True), (0.1, False)])
 def test_px4_without_volts_a_zero_that_no_motor_can_reach_is_lost_data(step: float, lost: bool) -> None:
     rotors = telemetry()
-    for k in range(20):
+    for k in range(120):
         rotors.feed(1.0 + step * k, px4(1.0 + step * k, TURNING, ZERO, ZERO))
-    t = 1.0 + step * 20
+    t = 1.0 + step * 120
     for k in range(5):
         speeds = (500.0, 0.0, 520.0 + k, 530.0)
         told = reading(rotors.feed(t + step * k, px4(t + step * k, speeds, ZERO, ZERO)))
