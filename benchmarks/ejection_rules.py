@@ -37,10 +37,10 @@ def bank(**rules: object) -> Callable[[RecommendedConfig], RecommendedConfig]:
 RULES: dict[str, Callable[[RecommendedConfig], RecommendedConfig]] = {
     "as it is": lambda config: config,
     "one tick fewer must agree (1, slow speeds 2)": lambda c: replace(c, ticks=1, ticks_slow=2),
-    "windows from 2 ticks on, not 3": bank(min_ticks=2),
-    "ticks of 4 ms, not 8": lambda c: replace(c, tick=0.004, bank=replace(c.bank, max_ticks=40)),
-    "ticks of 4 ms, windows from 2 ticks on": lambda c: replace(
-        c, tick=0.004, bank=replace(c.bank, max_ticks=40, min_ticks=2)
+    "windows from 3 ticks on, as it was": bank(min_ticks=3),
+    "windows from 2 ticks on, however short": bank(shortest=0.0),
+    "ticks of 4 ms, not 8, windows from 12 ms on": lambda c: replace(
+        c, tick=0.004, bank=replace(c.bank, max_ticks=40, shortest=0.012)
     ),
     "LLR > 12, not 20": bank(llr=12.0),
     "no test of shape": bank(shape_share=0.0),

@@ -318,14 +318,15 @@ class RecommendedBank:
             self._refine(t)
             return False
         c = self.config
-        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma)
+        slow = self.track.interval > c.slow_rotor_speeds
+        least = c.short_order.ticks if slow and not self.commanded.trusted else 0
+        verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma, least)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze.half_way(t)
             self.standing = self.bank.standing(self.tick_length)
         else:
             self._freeze.quiet(t)
         rotor, row = self._row
-        slow = self.track.interval > c.slow_rotor_speeds
         passes = verdict.passes and self.gate.verdicts and not self.contradicted
         if passes and not (slow and self._may_be_order(verdict)):
             row = row + 1 if verdict.rotor == rotor else 1

@@ -33,7 +33,10 @@ class BankConfig:
 
     window: float = 0.16  # s, longest window
     max_ticks: int = 20  # the window in 8 ms ticks
-    min_ticks: int = 3
+    shortest: float = (
+        0.024  # s, shortest window: two messages at 100 Hz alias a craft's vibration; this project
+    )
+    min_ticks: int = 2  # in it, however long they are; likewise
     theta_low: float = 0.55
     theta_high: float = 1.15
     llr: float = 20.0
@@ -130,9 +133,13 @@ class FaultBank:
 
     def _longest(self, tick_length: float) -> int:
         """Return how many ticks the longest window has now; 0 = too few for any."""
+        ticks, least = self.ticks, self._least(tick_length)
+        return min(ticks, max(least, round(self.config.window / tick_length))) if ticks >= least else 0
+
+    def _least(self, tick_length: float) -> int:
+        """Return how many ticks the shortest window has."""
         c = self.config
-        ticks = self.ticks
-        return min(ticks, max(c.min_ticks, round(c.window / tick_length))) if ticks >= c.min_ticks else 0
+        return max(c.min_ticks, math.ceil(c.shortest / tick_length - 0.2))
 
     def _sums(self, last: int) -> Array:
         """Return [N_1 .. N_n, D_1 .. D_n, Q] over the last 1, 2 .. `last` ticks, a row each."""
@@ -156,19 +163,22 @@ class FaultBank:
         self._waiting.clear()
         self._waiting_final = 0
 
-    def judge(self, tick_length: float, floor: float, excess_sigma: float) -> Verdict:
+    def judge(self, tick_length: float, floor: float, excess_sigma: float, least: int = 0) -> Verdict:
         """Return the best hypothesis over every rotor and window.
 
         Parameters
         ----------
         tick_length : usual tick [s]; windows are at most `window` s.
+        least : ticks of the shortest window, if more than its time asks.
         excess_sigma : usual size of the upward excess e of one tick [m/s²].
         floor : log likelihood ratio below which nobody wants to know; saves most of the work.
         """
         c = self.config
         last = self._longest(tick_length)
-        first = c.min_ticks - 1
         if not last:
+            return NOTHING
+        first = max(self._least(tick_length), least) - 1
+        if first >= last:
             return NOTHING
         n = self.rotors
         sums = self._sums(last)[first:]
@@ -224,7 +234,7 @@ class FaultBank:
         last = self._longest(tick_length)
         if not last:
             return [0.0] * n, [0.0] * n
-        sums = self._sums(last)[c.min_ticks - 1 :]
+        sums = self._sums(last)[self._least(tick_length) - 1 :]
         N = sums[:, :n]
         D = sums[:, n : 2 * n]
         theta = np.minimum(np.maximum(N / (D + 1e-12), c.theta_low), c.theta_high)

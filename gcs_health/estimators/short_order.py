@@ -14,6 +14,7 @@ class ShortOrderConfig:
 
     freed: float = 1.03  # from one sample to the next, of a rotor that has lost its load
     lasting: float = 1.3  # times between samples after which a loss needs no such sign
+    ticks: int = 3  # of the shortest window in which a loss is looked for
 
 
 def may_be_order(

@@ -93,3 +93,11 @@ def test_cleared_it_knows_nothing() -> None:
     assert bank.ticks == 0
     assert not judged(bank).passes
     assert bank.standing(TICK) == ([0.0] * ROTORS, [0.0] * ROTORS)
+
+
+@pytest.mark.parametrize(("tick", "least"), [(0.004, 6), (0.008, 3), (0.01, 3), (0.02, 2), (0.04, 2)])
+def test_the_shortest_window_is_one_of_time_and_never_of_one_tick(tick: float, least: int) -> None:
+    bank = FaultBank(ROTORS, 3, BankConfig())
+    for count, one in enumerate(ticks(8, lost=1, seed=2), 1):
+        bank.add_final(one, -2.4)
+        assert bank.judge(tick, 5.0, 1.0).passes is (count >= least)
