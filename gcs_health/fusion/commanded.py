@@ -3,9 +3,10 @@
     g_i = W_i / u_i, learned in flight with a memory of 5 s; held against the median of all g_i / learned, so that a
     sagging battery is no fault
     slow: W_i below half of what the least command of the last 0.3 s gives, for 0.2 s; without current below .8 of
-    it, for 0.06 s: before a controller that gives the rotor up cuts its command
+    it, for 0.06 s, if a command that came since bids it still: before a controller that gives the rotor up cuts it
 
-Least command, because commands come late and seldom: a speed that lags behind a jump is well. Under current it is
+Least command, because commands come late and seldom: a speed that lags behind a jump is well. A rotor that brakes
+passes through no current, and its order to slow down may not have come yet. Under current it is
 stuck, without it is stopped; where currents are not known it may be either. A rotor whose command went to zero after
 another one failed was switched off by the controller: that is no second fault.
 """
@@ -83,8 +84,9 @@ class Commanded:
         known = sorted(gain for gain in gains if gain == gain)
         if len(known) < 3:
             return []
-        common = known[len(known) // 2]
-        return [said for k in range(self._n) if (said := self._judge(t, k, least[k], common)) is not None]
+        common = min(known[len(known) // 2], 1.0)  # above, all follow a command that has just fallen
+        each = range(self._n)
+        return [said for k in each if (said := self._judge(t, dt, k, least[k], common)) is not None]
 
     def sag(self) -> float:
         """Return the speed of all rotors for the same command, against early in the flight [-]; NaN = not known."""
@@ -99,17 +101,17 @@ class Commanded:
         usual = self._usual[rotor]
         return bool(self._commands) and self._commands[-1].command[rotor] < OFF * usual
 
-    def _judge(self, t: float, k: int, least: float, common: float) -> Evidence | None:
+    def _judge(self, t: float, dt: float, k: int, least: float, common: float) -> Evidence | None:
         wanted = least * self._gain[k] * common
         current = self._now[k] / self._current[k] if self._current[k] else math.nan
         undriven = abs(current) < NO_CURRENT  # one that brakes is driven
-        limit, hold = (UNDRIVEN, HOLD_UNDRIVEN) if undriven else (SLOW, HOLD)
+        limit, hold = (UNDRIVEN, max(HOLD_UNDRIVEN, 1.5 * dt)) if undriven else (SLOW, HOLD)
         if not (least > SLOW * self._usual[k] and self._speed[k] < limit * wanted):
             self._slow_since[k] = math.nan
             return None
         if self._slow_since[k] != self._slow_since[k]:
             self._slow_since[k] = t
-        if t - self._slow_since[k] < hold:
+        if t - self._slow_since[k] < hold or (undriven and not self._commands[-1].t > self._slow_since[k]):
             return None
         stands = self._speed[k] < STANDS * wanted
         stopped = stuck = BOUND
