@@ -65,3 +65,34 @@ def test_a_slow_rotor_without_current_is_stopped_but_not_one_that_brakes(current
         )
     assert bool(said) is told
     assert all(each.rotor == 2 for each in said)
+
+
+@pytest.mark.parametrize(("obeys", "told"), [(True, False), (False, True)])
+def test_a_rotor_that_brakes_through_no_current_is_not_stopped_before_its_order_is_heard(
+    obeys: bool, told: bool
+) -> None:
+    """Commands come at 10 Hz; the third rotor slows down between two of them, ordered to or not."""
+    commanded = Commanded(4)
+    said: list[Evidence] = []
+    for k in range(320):
+        t = 0.01 * k
+        slows = t > 3.001
+        if k % 10 == 0:
+            commanded.command(CommandReading(t, (0.5, 0.5, 0.3 if slows and obeys else 0.5, 0.5)))
+        speed = max(SPEED - 8000.0 * (t - 3.001), 0.6 * SPEED) if slows else SPEED
+        said += commanded.rotors(reading(t, speed, 0.1 if slows else CURRENT), True)
+    assert bool(said) is told
+
+
+def test_a_command_that_falls_for_all_rotors_makes_none_of_them_slow() -> None:
+    commanded = Commanded(4)
+    said: list[Evidence] = []
+    for k in range(400):
+        t = 0.01 * k
+        commanded.command(CommandReading(t, (0.5 if t < 3.0 else 0.25,) * 4))
+        slow, quick = (max(SPEED - rate * max(t - 3.0, 0.0), 0.5 * SPEED) for rate in (1500.0, 5000.0))
+        current = CURRENT if t < 3.0 else 0.1
+        said += commanded.rotors(
+            RotorReading(t, (slow, slow, quick, slow), (current,) * 4, (math.nan,) * 4), True
+        )
+    assert said == []
