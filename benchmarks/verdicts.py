@@ -10,6 +10,8 @@ those of the fastest single estimator that names the rotor. Healthy flights, and
 for false alarms. Reliability: what is believed of every kind and rotor 1 s before and 3 s after the fault, against
 the truth. Intervals: 95 %, Wilson.
 
+That what rubs heats its ESC, and is told to besides, is no wrong kind; of exchanged ESCs an alert on either counts.
+
 Seeds 7000 to 7999 were looked at while the fusion was tuned; report with others.
 """
 

@@ -74,6 +74,28 @@ class Entry:
 
 ENTRIES: dict[str, Entry] = {
     "effectiveness": Entry(("bebop2", "melczer_hexa"), "propeller_lost"),
+    # 40 mg at the tip, the paper's damage, which nobody tells it; its answers look back on 20 s and 10 s
+    "unbalance": Entry(
+        ("ghalamchi_medium",),
+        "unbalance",
+        4.0,
+        struck=(14.0, 18.0),
+        duration=46.0,
+        within=27.0,
+        asked_every=1.0,
+    ),
+    "motor_observer": Entry(("bebop2", "melczer_hexa"), "propeller_lost"),
+    # without a trained model: its speed path, of a rotor that turns a fifth too slowly
+    "pooled_ar": Entry(
+        ("dutta_hexa",),
+        "slow",
+        0.8,
+        struck=(18.0, 22.0),
+        duration=28.0,
+        within=5.0,
+        commands=True,
+        asked_every=0.1,
+    ),
 }
 
 
