@@ -25,6 +25,9 @@ from gcs_health.fusion.verdicts import NOBODY, Verdict
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
+# codes of a failed rotor that rest on how the vehicle turns alone, and those that its own current and speed prove
+UNPROVEN = frozenset({ROTOR_FAILED.code, "THRUST_LOSS", "PROPELLER_SLIPPING"})
+PROVEN = frozenset({"PROPELLER_LOST", "MOTOR_STOPPED", "MOTOR_STUCK"})
 KIND_HOLDS = 0.3  # s that a kind must be clear before it replaces one as grave that was told
 
 
@@ -92,6 +95,11 @@ class AlertDesk:
     def failed_at(self) -> float:
         """When that was [s]; NaN where none has."""
         return next((each.raised for each in self._open.values() if each.family is FAILED_FAMILY), math.nan)
+
+    @property
+    def proven(self) -> bool:
+        """Whether the current or speed of a rotor proves that it failed."""
+        return any(each.row.code in PROVEN for each in self._open.values())
 
     def set_rules(self, rules: Rules) -> None:
         """Go on under these rules; what is open stays so until they clear it."""
@@ -184,8 +192,9 @@ class AlertDesk:
     def _mistaken(self, rotor: int, family: frozenset[Kind]) -> _Episode | None:
         """Take out the open episode that this one turns out to be: of no rotor, or of one that seemed to fail."""
         unnamed = self._open.pop((NOBODY, family), None)
-        if unnamed is None and family in _EXCHANGED:
-            return self._open.pop((rotor, FAILED_FAMILY), None)
+        failed = self._open.get((rotor, FAILED_FAMILY))
+        if unnamed is None and family in _EXCHANGED and failed is not None and failed.row.code in UNPROVEN:
+            return self._open.pop((rotor, FAILED_FAMILY))
         return unnamed
 
     def _row(self, verdict: Verdict, family: frozenset[Kind]) -> AlertKind | None:
@@ -200,8 +209,12 @@ class AlertDesk:
         """Whether another rotor's failure is cause enough for what this one shows."""
         if rotor == NOBODY and any(each.family == family for each in self._open.values()):
             return True
-        if family in _EXCHANGED:  # two rotors, one cause: whichever is seen first
-            return any(each.rotor != rotor and each.family == family for each in self._open.values())
+        if (
+            family in _EXCHANGED
+        ):  # two rotors, one cause: whichever is seen first; or a rotor that has failed indeed
+            return self.proven or any(
+                each.rotor != rotor and each.family == family for each in self._open.values()
+            )
         return family != TELEMETRY and any(
             each.rotor != rotor and each.family is FAILED_FAMILY for each in self._open.values()
         )

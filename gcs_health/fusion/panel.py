@@ -141,7 +141,7 @@ class RotorPanel:
             return []
         failed = self.failed
         said: list[Evidence] = self._commanded.rotors(reading, flies)
-        for evidence in self._attribution.rotors(reading, flies):
+        for evidence in self._attribution.rotors(reading, flies and not self._desk.proven):
             self._beliefs[evidence.rotor].feed(evidence)
         if failed is None:
             if flies:

@@ -237,6 +237,16 @@ def test_a_rotor_that_seemed_to_fail_and_has_anothers_telemetry_is_one_episode()
     assert desk.feed(verdict(1.6, Kind.ESC_MISATTRIBUTED, 0.95, rotor=2)) == []  # the other of the two
 
 
+def test_a_rotor_that_its_own_current_proves_to_have_failed_is_not_taken_for_exchanged() -> None:
+    desk = AlertDesk(airframe(4))
+    desk.feed(verdict(1.0, Kind.PROPELLER_LOST, 0.95))
+    assert desk.proven
+    for k in range(15):
+        for rotor in (0, 2):
+            assert desk.feed(verdict(1.1 + 0.1 * k, Kind.ESC_MISATTRIBUTED, 0.95, rotor=rotor)) == []
+    assert desk.failed == 0
+
+
 def test_a_named_loss_whose_speed_is_anothers_is_no_failure() -> None:
     named = from_estimate(estimate(0.1, 0.05, 0.99))
     exchanged = Evidence(1.0, 0, "attribution", ((Kind.ESC_MISATTRIBUTED, BOUND),))
