@@ -80,10 +80,11 @@ def maintenance(row: Mapping[str, Any]) -> str:
     """Say in words what grew within a flight: an indicator that does, see `condition.indicators.Indicator`."""
     factor, unit = UNIT[row["quantity"]]
     value, slope, low, high = (f"{row[name] * factor:.3g}" for name in ("value", "slope", "low", "high"))
+    due = f"at its limit after {row['due']:.2g} h more of it" if row["due"] else "past its limit"
     return (
         f"maintenance: motor {row['motor']}: {row['quantity']} {row['balance'] or f'{value} {unit}'.rstrip()}"
         + f" grew within the flight by {slope} ({low} to {high}) {unit}".rstrip()
-        + f" an hour; at its limit after {row['due']:.2g} h more of it ({row['regime']}, {row['seconds']:.0f} s)"
+        + f" an hour; {due} ({row['regime']}, {row['seconds']:.0f} s)"
     )
 
 
