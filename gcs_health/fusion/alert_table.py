@@ -23,6 +23,7 @@ class AlertKind:
     raise_at, clear_at : probability at which it is raised, and below which it may clear.
     clear_after : for how long [s, vehicle clock] it must stay below.
     hold : for how long [s] the probability must have been above `raise_at`.
+    proven : the rotor's own current or speed shows it, not only how the vehicle turns.
     latched : stays for the flight: what broke in the air does not mend there.
     enabled : whether it is told at all.
     """
@@ -38,6 +39,7 @@ class AlertKind:
     latched: bool = False
     enabled: bool = True
     unnamed: str = ""
+    proven: bool = False
 
 
 _LAND = "Land at once if control allows; do not take off again before the rotor is inspected."
@@ -50,13 +52,17 @@ ROTOR_FAILED = AlertKind("ROTOR_FAILED", 1, "motor {motor} ({seat}): rotor faile
 
 OF_KIND: dict[Kind, AlertKind] = {
     Kind.PROPELLER_LOST: AlertKind(
-        "PROPELLER_LOST", 1, "motor {motor} ({seat}): propeller lost, {percent} % sure", _LAND
+        "PROPELLER_LOST", 1, "motor {motor} ({seat}): propeller lost, {percent} % sure", _LAND, proven=True
     ),
     Kind.MOTOR_STOPPED: AlertKind(
-        "MOTOR_STOPPED", 1, "motor {motor} ({seat}): motor stopped, {percent} % sure", _LAND
+        "MOTOR_STOPPED", 1, "motor {motor} ({seat}): motor stopped, {percent} % sure", _LAND, proven=True
     ),
     Kind.MOTOR_STUCK: AlertKind(
-        "MOTOR_STUCK", 1, "motor {motor} ({seat}): motor blocked under current, {percent} % sure", _LAND
+        "MOTOR_STUCK",
+        1,
+        "motor {motor} ({seat}): motor blocked under current, {percent} % sure",
+        _LAND,
+        proven=True,
     ),
     Kind.THRUST_LOSS: AlertKind(
         "THRUST_LOSS", 2, "motor {motor} ({seat}): thrust partly lost, {percent} % sure", _INSPECT

@@ -25,9 +25,6 @@ from gcs_health.fusion.verdicts import NOBODY, Verdict
 CLEAR_KIND = 0.8  # share of the failed kinds' probability at which one of them is clear
 MUCH = 0.2  # change of probability worth an update
 UPDATE_EVERY = 5.0  # s, at most so often
-# codes of a failed rotor that rest on how the vehicle turns alone, and those that its own current and speed prove
-UNPROVEN = frozenset({ROTOR_FAILED.code, "THRUST_LOSS", "PROPELLER_SLIPPING"})
-PROVEN = frozenset({"PROPELLER_LOST", "MOTOR_STOPPED", "MOTOR_STUCK"})
 KIND_HOLDS = 0.3  # s that a kind must be clear before it replaces one as grave that was told
 
 
@@ -99,7 +96,7 @@ class AlertDesk:
     @property
     def proven(self) -> bool:
         """Whether the current or speed of a rotor proves that it failed."""
-        return any(each.row.code in PROVEN for each in self._open.values())
+        return any(each.row.proven for each in self._open.values())
 
     def set_rules(self, rules: Rules) -> None:
         """Go on under these rules; what is open stays so until they clear it."""
@@ -193,7 +190,7 @@ class AlertDesk:
         """Take out the open episode that this one turns out to be: of no rotor, or of one that seemed to fail."""
         unnamed = self._open.pop((NOBODY, family), None)
         failed = self._open.get((rotor, FAILED_FAMILY))
-        if unnamed is None and family in _EXCHANGED and failed is not None and failed.row.code in UNPROVEN:
+        if unnamed is None and family in _EXCHANGED and failed is not None and not failed.row.proven:
             return self._open.pop((rotor, FAILED_FAMILY))
         return unnamed
 
