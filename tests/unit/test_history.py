@@ -15,12 +15,10 @@ from gcs_health.balance import figures, words
 from gcs_health.cli import main
 from gcs_health.condition.indicators import Indicator
 from gcs_health.errors import ConfigError
-from gcs_health.mavlink.dialect import default_dialect
-from gcs_health.mavlink.encoder import Encoder
-from gcs_health.pipeline import Monitor, MonitorConfig
+from gcs_health.pipeline import MonitorConfig
 from gcs_health.record import history_schema
-from gcs_health.record.events import AlertEvent, EstimateEvent, VehicleEvent
-from gcs_health.record.flight_results import FlightCollector, FlightRecord, RotorResult
+from gcs_health.record.events import AlertEvent
+from gcs_health.record.flight_results import FlightRecord, RotorResult
 from gcs_health.record.history import History, MarkRow
 from gcs_health.record.history_keeper import HistoryKeeper, StoreError
 from gcs_health.record.trends import DAY_US
@@ -202,76 +200,6 @@ def test_the_tables_are_as_the_steps_make_them(store: History) -> None:
         assert found.get_pk_constraint(table.name)["constrained_columns"] == [
             c.name for c in table.primary_key
         ]
-
-
-# -- what a flight is ------------------------------------------------------------------------------------
-
-
-def collected(*monitored: list[object]) -> list[FlightRecord]:
-    collector = FlightCollector()
-    ended: dict[str, FlightRecord] = {}
-    for events in monitored:
-        for each in collector.feed(events):  # type: ignore[arg-type]
-            ended[each.identity] = each
-    return list(ended.values())
-
-
-def test_a_session_of_two_flights_is_two_flights() -> None:
-    session = two_flights()
-    one, two = collected(feed(session, MonitorConfig()))  # type: ignore[arg-type]
-    assert (one.started_us, two.started_us) == (1700000006104000, 1700000026104000)
-    assert [row.status for row in one.results if row.quantity == "effectiveness"].count("unobservable") == 0
-    assert not one.alerts
-    assert [(a.code, a.motor) for a in two.alerts] == [("PROPELLER_LOST", 3)]
-    # time on the ground between them belongs to neither
-    assert one.duration < 9.0
-
-
-def test_a_vehicle_on_the_ground_has_flown_nothing() -> None:
-    encoder = Encoder(default_dialect())
-    frames = [
-        (BEGAN + k * 1_000_000, encoder.frame("HEARTBEAT", type=2, autopilot=12, mavlink_version=3))
-        for k in range(20)
-    ]
-    assert not collected(feed(frames, MonitorConfig()))  # type: ignore[arg-type]
-
-
-def test_mean_spread_and_worst_are_those_of_the_valid_estimates() -> None:
-    def estimate(t: float, value: float, status: str, p: float) -> EstimateEvent:
-        return EstimateEvent(t, 1, "1.1", "e", 0, 1, "drag", value, 0.3, p, status, (), math.nan)
-
-    said = [
-        VehicleEvent(0.0, 5, "1.1", "flight", "armed", armed=True),
-        estimate(1.0, 9.0, "converging", 0.5),
-        estimate(2.0, 1.0, "valid", 0.1),
-        estimate(3.0, 2.0, "valid", 0.2),
-        estimate(4.0, math.nan, "unobservable", math.nan),
-        VehicleEvent(5.0, 6, "1.1", "flight", "disarmed", armed=False),
-    ]
-    (flight,) = FlightCollector().feed(said)
-    (row,) = flight.results
-    assert (row.value, row.std, row.samples, row.valid, row.status) == (
-        1.5,
-        pytest.approx(0.3),
-        4,
-        2,
-        "unobservable",
-    )
-    assert row.spread == pytest.approx(math.sqrt(0.5))
-    assert (row.worst, row.worst_t, row.worst_probability) == (9.0, 1.0, 0.5)
-
-
-def test_the_uid_tells_a_vehicle_by_its_hardware(tmp_path: Path) -> None:
-    encoder = Encoder(default_dialect())
-    monitor = Monitor(MonitorConfig())
-    said = []
-    for fields, uid in (
-        ({"uid": 0xAB}, "00000000000000ab"),
-        ({"uid": 1, "uid2": [0] * 17 + [7]}, "00" * 17 + "07"),
-    ):
-        monitor.feed(encoder.frame("HEARTBEAT", type=2, autopilot=12, mavlink_version=3), BEGAN)
-        said += monitor.feed(encoder.frame("AUTOPILOT_VERSION", **fields), BEGAN + 3_000_000)
-        assert [e.uid for e in said if isinstance(e, VehicleEvent)][-1] == uid
 
 
 # -- the command -----------------------------------------------------------------------------------------
