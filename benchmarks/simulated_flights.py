@@ -62,9 +62,12 @@ def scenario(vehicle: str, kind: str, wind: float = 4.0, turbulence: str = "low"
     return load_scenario("healthy_quad", changes)
 
 
-def thinned(flights: Flights, imu_rate: float, esc_rate: float, late: bool) -> Flights:
+def thinned(
+    flights: Flights, imu_rate: float, esc_rate: float, late: bool, command_rate: float | None = None
+) -> Flights:
     """Keep telemetry at these rates; `late` stamps speeds by their sending: latency and rest of the period."""
     imu, esc = round(FASTEST / imu_rate), round(FASTEST / esc_rate)
+    command = imu if command_rate is None else round(FASTEST / command_rate)
     return replace(
         flights,
         imu_t=flights.imu_t[::imu],
@@ -73,8 +76,8 @@ def thinned(flights: Flights, imu_rate: float, esc_rate: float, late: bool) -> F
         rotor_t=flights.rotor_t[::esc] + (LATENCY + 0.5 * min(1.0 / esc_rate, 0.01) if late else 0.0),
         speed=flights.speed[::esc],
         current=flights.current[::esc],
-        command_t=flights.command_t[::imu],
-        command=flights.command[::imu],
+        command_t=flights.command_t[::command],
+        command=flights.command[::command],
     )
 
 
@@ -135,7 +138,9 @@ def main() -> None:
     parser.add_argument("--vehicles", nargs="*", default=["bebop2", "ghalamchi_large"])
     parser.add_argument("--rates", nargs="*", default=["250/250", "100/50", "50/50", "50/10"])
     parser.add_argument("--late", action="store_true")
-    parser.add_argument("--commands", action="store_true", help="motor commands too, at the IMU's rate")
+    parser.add_argument(
+        "--commands", type=float, nargs="?", const=50.0, help="motor commands too, at so many Hz"
+    )
     args = parser.parse_args()
     print(
         "| vehicle | IMU/ESC Hz | healthy min | false alarms, an hour | lost: found, % | wrong rotor | "
@@ -147,8 +152,9 @@ def main() -> None:
         for kind in KINDS:
             flown = fly(vehicle, kind, args.flights, args.seed)
             for rates in args.rates:
-                flights = thinned(flown.flights, *map(float, rates.split("/")), late=args.late)
-                outcomes[rates] += watch(flown, kind, flights, args.commands)
+                imu, esc = map(float, rates.split("/"))
+                flights = thinned(flown.flights, imu, esc, args.late, args.commands)
+                outcomes[rates] += watch(flown, kind, flights, bool(args.commands))
         for rates, some in outcomes.items():
             print(row(vehicle, rates, some), flush=True)
 

@@ -4,6 +4,8 @@
     b      speed per command [rad/s], one for all rotors, learned:  b = sum dl dw / sum dl²  over the steps
            dw, dl from each sample of the speeds to the next,  R² = (sum dl dw)² / (sum dl² sum dw²)
     w(t)   = straight line through the samples + b (l(t) - straight line through l at the samples)
+    bend   = share of a rotor's part, per relative change of u within a tick, that is hidden all the same:
+             T² / (8 tau dt) times `bend`, or `bend_commanded`, or between the two where commands come as seldom
 
 Only differences of l count, so neither the command's zero nor its unit need be known. Before commands have
 borne out how speeds move, b is 0 and nothing changes.
@@ -30,6 +32,11 @@ class CommandConfig:
     least_r2: float = 0.5
     least_steps: int = 10  # between samples of the speeds
     stale: float = 0.15  # s after which the last command is no longer believed to hold
+    rotor_time: float = 0.04  # s, time constant of a rotor's speed
+    bend: float = 1.1  # of the deviation from a straight line between samples
+    bend_commanded: float = 0.3  # likewise where commands tell how speeds move
+    orders: float = 0.5  # of the time between samples: commands that come as often tell of every order
+    pace: float = 0.1  # share of a new time between commands in the usual one
     kept: int = 256  # commands; half of them at 500 Hz are a quarter of a second
 
 
@@ -40,6 +47,7 @@ class CommandedSpeeds:
     ----------
     r2 : how much of the speeds' steps the commands explain [-].
     trusted : whether the commands have borne out how speeds move.
+    interval : usual time between commands [s]; infinite before two came.
     """
 
     def __init__(self, rotors: int, config: CommandConfig) -> None:
@@ -47,6 +55,7 @@ class CommandedSpeeds:
         self.rotors = rotors
         self.r2 = 0.0
         self.trusted = False
+        self.interval = math.inf
         self._speed_per_command = 0.0
         self._times: list[float] = []
         self._commands: list[Row] = []
@@ -65,12 +74,20 @@ class CommandedSpeeds:
         if times and t <= times[-1]:
             return
         lagged = self._at(t) if times and t - times[-1] <= self.config.stale else command
+        if times:
+            self._pace(t - times[-1])
         times.append(t)
         self._commands.append(command)
         self._lagged.append(lagged if lagged is not None else command)
         if len(times) > self.config.kept:
             for kept in (times, self._commands, self._lagged):
                 del kept[: self.config.kept // 2]
+
+    def _pace(self, step: float) -> None:
+        c = self.config
+        if step <= c.stale:
+            known = self.interval < math.inf
+            self.interval = self.interval + c.pace * (step - self.interval) if known else step
 
     def learn(self, t: float, speeds: Row) -> None:
         """Take the sample of all speeds [rad/s] at time t [s]."""
@@ -114,6 +131,25 @@ class CommandedSpeeds:
             return [max(w + m, 0.0) for w, m in zip(speeds, moved, strict=True)]
         share = (t - before) / (after - before)
         return [max(w + m - share * b, 0.0) for w, m, b in zip(speeds, moved, between, strict=True)]
+
+    def bend(self, interval: float, dt: float) -> float:
+        """Return what samples `interval` [s] apart hide of a rotor's part, per relative change of u within dt [s].
+
+        A rotor of time constant tau that moves by D between two samples T apart leaves the straight line between
+        them by some D T / 8 tau. What is ordered and taken back between two commands nobody tells.
+        """
+        c = self.config
+        if not interval > dt:
+            return 0.0
+        hidden = c.bend * interval * interval
+        if self.trusted:
+            unseen = min(self.interval, interval)
+            hidden = c.bend_commanded * interval * interval + (c.bend - c.bend_commanded) * unseen * unseen
+        return hidden / (8.0 * c.rotor_time * dt)
+
+    def tell_orders(self, interval: float) -> bool:
+        """Whether commands come often enough to tell of an order between samples `interval` [s] apart."""
+        return self.trusted and self.interval <= self.config.orders * interval
 
     def _at(self, t: float) -> Row | None:
         """Return the lagged commands at time t; None where no command is known to hold."""

@@ -215,8 +215,9 @@ class EffectivenessEstimator:
         else:
             self._watch_flight_end(reading.t, hover)
         if self._stopped is None and self._core.failed is None:
+            told = self._inputs.commands, self._inputs.commands_t
             stopped = self._stopped_rule.feed(
-                reading.t, self._speeds, hover, self._inputs.commands, self._would_name(reading.t)
+                reading.t, self._speeds, hover, *told, self._would_name(reading.t)
             )
             if stopped is not None:
                 self._stopped = stopped

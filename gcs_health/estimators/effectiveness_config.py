@@ -34,9 +34,6 @@ class RecommendedConfig:
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
     shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away
-    rotor_time: float = 0.04  # s, time constant of a rotor's speed
-    bend: float = 1.1  # of the deviation from a straight line between rotor speeds; this project
-    bend_commanded: float = 0.3  # likewise where commands tell how speeds move; this project
     calm: float = 2.0  # sigmas; a tick within accuses nobody and need not be judged by itself
     wait: float = 0.01  # s; rotor speeds as fast as that are waited for rather than held
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold

@@ -14,6 +14,7 @@ class Inputs(InputRecency):
     ----------
     speeds : (n,) last rotor speeds [rad/s], NaN of a rotor that never reported.
     commands : (n,) last motor commands [-], NaN where not known.
+    commands_t : when they came [s].
     """
 
     def __init__(self, rotors: int, stale_after: float) -> None:
@@ -21,6 +22,7 @@ class Inputs(InputRecency):
         self.speeds = [math.nan] * rotors
         self._newest = -math.inf
         self.commands = [math.nan] * rotors
+        self.commands_t = -math.inf
 
     def take_speeds(self, reading: RotorReading) -> float:
         """Take the speeds that are new and plausible; return the slowest, 0 where not all are."""
@@ -39,6 +41,7 @@ class Inputs(InputRecency):
 
     def take_commands(self, reading: CommandReading) -> None:
         """Take the commands that are known."""
+        self.commands_t = reading.t
         for i, command in enumerate(reading.command[: len(self.commands)]):
             if command == command:
                 self.commands[i] = command

@@ -233,7 +233,7 @@ class RecommendedBank:
         now = self._push = push(self._speeds_at(t - self.shift.shift), gains)
         e = residual(step, before, now, gains.has_yaw)
         error = noise.offset, noise.variances(0), step.inflation
-        bend = self._bend(step.dt)
+        bend = self.commanded.bend(self.track.interval, step.dt)
         tick = new_tuple(Evidence, (e, *error, before.speeds, now.speeds, gains.matrix, gains.doubt, bend))
         suspected = t <= self._freeze.until or self._row[1] > 0  # then every tick counts
         self.bank.add_final(tick, -e[3])
@@ -255,19 +255,6 @@ class RecommendedBank:
         if not self.commanded.trusted or self.track.interval <= self.config.slow_rotor_speeds:
             return speeds
         return self.commanded.corrected(speeds, t, *self.track.around(t))
-
-    def _bend(self, dt: float) -> float:
-        """Return the share of a rotor's part, per relative change of u within `dt` [s], that slow speeds hide.
-
-        A rotor of time constant tau that moves by D between two samples T apart leaves the straight line
-        between them by some D T / 8 tau.
-        """
-        c = self.config
-        interval = self.track.interval
-        if not interval > dt:
-            return 0.0
-        bend = c.bend_commanded if self.commanded.trusted else c.bend
-        return bend * interval * interval / (8.0 * c.rotor_time * dt)
 
     def _provisional(self, position: int) -> bool:
         """Judge a pending tick with the last rotor speeds held, unless it is calm and so can wait."""
@@ -319,7 +306,7 @@ class RecommendedBank:
             return False
         c = self.config
         slow = self.track.interval > c.slow_rotor_speeds
-        least = c.short_order.ticks if slow and not self.commanded.trusted else 0
+        least = c.short_order.ticks if slow and not self.commanded.tell_orders(self.track.interval) else 0
         verdict = self.bank.judge(self.tick_length, 0.5 * c.bank.llr, self.gate.excess_sigma, least)
         if verdict.llr > 0.5 * c.bank.llr:
             self._freeze.half_way(t)
@@ -341,12 +328,11 @@ class RecommendedBank:
 
     def _may_be_order(self, verdict: Verdict) -> bool:
         """Whether what looks like a loss may be an order that slow speeds do not show."""
-        if self.commanded.trusted:
+        c, tick, interval = self.config, self.tick_length, self.track.interval
+        if self.commanded.tell_orders(interval):
             return False
-        c, tick = self.config, self.tick_length
-        seen = verdict.ticks * tick, c.bank.window - 1.5 * tick
         speeds = self.track.last_two(verdict.rotor)
-        return may_be_order(c.short_order, *seen, self.track.interval, speeds)
+        return may_be_order(c.short_order, verdict, tick, c.bank.window - 1.5 * tick, interval, speeds)
 
     def _decide(self, verdict: Verdict, t: float) -> bool:
         """Name the rotor, if the geometry bears it; return whether anything is decided."""

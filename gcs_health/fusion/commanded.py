@@ -3,7 +3,7 @@
     g_i = W_i / u_i, learned in flight with a memory of 5 s; held against the median of all g_i / learned, so that a
     sagging battery is no fault
     slow: W_i below half of what the least command of the last 0.3 s gives, for 0.2 s; without current below .8 of
-    it, for 0.06 s, if a command that came since bids it still: before a controller that gives the rotor up cuts it
+    it, in two readings 0.06 s apart, if a command between bids it still: before a controller that gives it up cuts it
 
 Least command, because commands come late and seldom: a speed that lags behind a jump is well. A rotor that brakes
 passes through no current, and its order to slow down may not have come yet. Under current it is
@@ -105,7 +105,7 @@ class Commanded:
         wanted = least * self._gain[k] * common
         current = self._now[k] / self._current[k] if self._current[k] else math.nan
         undriven = abs(current) < NO_CURRENT  # one that brakes is driven
-        limit, hold = (UNDRIVEN, max(HOLD_UNDRIVEN, 1.5 * dt)) if undriven else (SLOW, HOLD)
+        limit, hold = (UNDRIVEN, max(HOLD_UNDRIVEN, 0.9 * dt)) if undriven else (SLOW, HOLD)
         if not (least > SLOW * self._usual[k] and self._speed[k] < limit * wanted):
             self._slow_since[k] = math.nan
             return None

@@ -19,7 +19,7 @@ MEMORY, EVERY, LEARN = 5.0, 0.1, 2.0  # s: of the usual load; from lesson to les
 OVER, FROM = 0.4, 0.1  # s: it is measured over so long, at least
 NONE, SPREAD = 0.1, 0.15  # load without a propeller; standard deviation, of one flight's manoeuvres
 PART = (0.3, 0.7)  # loads of what is partly there
-STANDS = 0.05  # of its usual speed
+STANDS, TELLS = 0.05, 0.2  # of its usual speed; between them a current says nothing
 UNDER_CURRENT, NO_CURRENT = 0.5, 0.15  # of the usual current
 
 
@@ -66,7 +66,7 @@ class Load:
         known = [
             (each.speed[rotor], each.current[rotor])
             for _, each in recent
-            if each.speed[rotor] > 0.0 and each.current[rotor] == each.current[rotor]
+            if each.speed[rotor] > TELLS * self._speed[rotor] and each.current[rotor] == each.current[rotor]
         ]
         if len(known) < 2 or recent[-1][0] - recent[0][0] < FROM:
             return None

@@ -35,7 +35,7 @@ def replay(name: str, cell: str, phase: int = 0, mode: str = "recommended"):  # 
         ("100/50", "recommended", FIRST_VISIBLE, 12.50),
         ("50/50", "recommended", FIRST_VISIBLE, 12.53),
         ("50/10", "recommended", FIRST_VISIBLE, 12.53),
-        ("25/10", "recommended", FIRST_VISIBLE, 12.58),
+        ("25/10", "recommended", FIRST_VISIBLE, 12.61),
         ("full", "paper", 12.49, 12.51),
     ],
 )

@@ -59,3 +59,23 @@ def test_incomplete_commands_are_dropped(command: tuple[float, ...]) -> None:
     expected = model.moved(t + 0.05, t)
     model.command(CommandReading(t + 0.01, command))
     assert model.moved(t + 0.05, t) == expected
+
+
+@pytest.mark.parametrize(("command_hz", "tell"), [(100, True), (25, True), (10, False)])
+def test_seldom_commands_do_not_tell_of_orders_between_slow_speeds(command_hz: int, tell: bool) -> None:
+    model = CommandedSpeeds(1, CommandConfig())
+    for k in range(500):
+        t = k * 0.01
+        level = 0.5 + 0.1 * math.sin(t)
+        if k % (100 // command_hz) == 0:
+            model.command(CommandReading(t, (level,)))
+        if k % 10 == 0:
+            model.learn(t, [GAIN * level])
+    assert model.trusted
+    assert model.interval == pytest.approx(1.0 / command_hz)
+    assert model.tell_orders(0.1) is tell
+    unknown = CommandedSpeeds(1, CommandConfig()).bend(0.1, 0.02)
+    assert unknown == pytest.approx(1.1 * 0.1**2 / (8 * 0.04 * 0.02))
+    told = model.bend(0.1, 0.02)
+    assert told < 0.4 * unknown if tell and command_hz > 50 else 0.3 * unknown < told <= 1.01 * unknown
+    assert model.bend(0.01, 0.02) == 0.0  # speeds in every tick hide nothing

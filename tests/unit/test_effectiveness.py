@@ -134,6 +134,18 @@ def test_a_motor_that_fell_before_it_was_ordered_off_has_failed() -> None:
     assert [(estimate.rotor, estimate.reasons) for estimate in told] == [(4, (Reason.MOTOR_STOPPED,))]
 
 
+def test_a_command_from_before_a_motor_slowed_down_does_not_accuse_it() -> None:
+    """Where commands come seldom, the order that slowed it may be on its way."""
+    estimator = EffectivenessEstimator(airframe(6))
+    for reading in fly(Scenario(6, duration=7.35, stopped=4)):
+        if reading.t < 7.0:
+            estimator.feed(CommandReading(reading.t, (0.5,) * 6))
+        assert estimator.feed(reading) == []
+    estimator.feed(CommandReading(7.35, (0.5,) * 6))
+    told = [e for reading in fly(Scenario(6, stopped=4, duration=7.5)) for e in estimator.feed(reading)]
+    assert [(estimate.rotor, estimate.reasons) for estimate in told] == [(4, (Reason.MOTOR_STOPPED,))]
+
+
 def test_a_motor_ordered_to_stop_is_no_failure() -> None:
     estimator = EffectivenessEstimator(airframe(6))
     for reading in fly(Scenario(6, duration=8.0, stopped=4)):
