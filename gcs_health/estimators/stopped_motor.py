@@ -108,9 +108,9 @@ class StoppedMotor:
             self._some_behind = True
             if self._behind_since[i] != self._behind_since[i]:
                 self._behind_since[i] = t
-            if self._asked(i, commands, c.as_others, self._behind_since[i]):
-                self._fell[i] = True
-            elif self._asked(i, commands, c.more):  # of a rotor that falls: not to slow it
+            if self._asked(i, commands, c.as_others, self._behind_since[i]) or self._asked(
+                i, commands, c.more
+            ):
                 self._fell[i] = True
 
     def _has_stopped(self, t: float, rotor: int, commands: list[float]) -> bool:

@@ -80,12 +80,17 @@ class RecommendedConfig:
     flying: float = 0.5  # of the usual speed; below, a rotor's stretch is no flight
     blind: float = 0.03  # gain of the line at hover; below, not observable with this telemetry
     threshold: float = 16.0  # cost of a bounded fit
+    # of the cost of "none is damaged" that the model's own error may be: another rotor must leave more; this project
+    own_error: float = 0.07
     ok_below: float = 0.25  # of the damage
     damaged_above: float = 0.7  # of the damage
     sign_ratio: float = 1.5  # between the sums of s of both spin signs, to see the airframe's own right
     flip_ratio: float = 1.8  # likewise, to see them wrong; this project
     flip_after: int = 4  # successive solutions that must say so; this project
     sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
+    one_speed: float = (
+        2.0  # rad/s; rotors of both spins nearer than this tell nothing of the sign; this project
+    )
     inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
     entangled: float = 0.3  # entry of an eigenvector below it
     # without a known damage and without a baseline: an outlier among its fellows; this project

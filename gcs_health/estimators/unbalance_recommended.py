@@ -92,8 +92,10 @@ class RecommendedTracker:
         c = self.config = config
         self.damage, self.baseline = damage, baseline
         n = len(airframe.rotors)
+        spins = tuple(rotor.spin for rotor in airframe.rotors)
+        self._spins = np.array(spins)
         self.tracker = OrderTracker(
-            tuple(rotor.spin for rotor in airframe.rotors),
+            spins,
             c.lengths,
             c.highpass,
             c.highpass_filtered,
@@ -175,7 +177,7 @@ class RecommendedTracker:
         if given is None:
             return None
         other = _fit(flown, k, 1)
-        flipped = self._learn_sign(given, other)
+        flipped = self._learn_sign(given, other, _mean_speed(flown))
         best = other if flipped and other is not None else given
         against = given if flipped else other
         made = self._answer(t, best, against, flown, k, flipped, long, lost)
@@ -193,16 +195,17 @@ class RecommendedTracker:
         ok_below, _, _ = self._bounds(late, _mean_speed(recent))
         return late.cost(np.zeros(len(ok_below)), ok_below) > self.config.threshold
 
-    def _learn_sign(self, given: Fit, other: Fit | None) -> bool:
+    def _learn_sign(self, given: Fit, other: Fit | None, speed: Array) -> bool:
         """Return whether the spins are the other way round: doubted only where one sign explains clearly more.
 
-        In hover rotors of both spins may turn at one speed; either sign then finds the line, on another rotor.
+        In hover rotors of both spins may turn at one `speed` (n,) [rad/s]; either sign then finds the line, on
+        another rotor, and tells nothing.
         """
         if other is not None:
             c = self.config
             present = given if given.s.sum() > other.s.sum() else other
             b = int(np.argmax(present.s))
-            strong = present.s[b] > c.sign_sigmas * present.std()[b]
+            strong = present.s[b] > c.sign_sigmas * present.std()[b] and not self._meets_other_spin(b, speed)
             against = strong and other.s.sum() > c.flip_ratio * given.s.sum()
             self._against = self._against + 1 if against else 0
             if self._against >= c.flip_after:
@@ -210,6 +213,10 @@ class RecommendedTracker:
             elif strong and given.s.sum() > c.sign_ratio * other.s.sum():
                 self._flipped, self._sign_known = False, True
         return self._flipped
+
+    def _meets_other_spin(self, rotor: int, speed: Array) -> bool:
+        others = speed[self._spins != self._spins[rotor]]
+        return bool(np.any(np.abs(others - speed[rotor]) < self.config.one_speed))
 
     def _choose_length(self, flown: list[Stretch]) -> tuple[int, Fit | None, float]:
         """Return the longest blocks that keep what shorter ones find, their fit, and the power they lose.
@@ -249,9 +256,9 @@ class RecommendedTracker:
         speed = _mean_speed(flown)
         gain = np.mean([stretch.gain for stretch in flown], axis=0)
         ok_below, damaged_above, certain = self._bounds(best, speed)
-        verdict = judge(best, ok_below, damaged_above, c.threshold, certain)
+        verdict = judge(best, ok_below, damaged_above, c.threshold, certain, c.own_error)
         if verdict.finding is Finding.OK and other is not None:
-            against = judge(other, ok_below, damaged_above, c.threshold, certain)
+            against = judge(other, ok_below, damaged_above, c.threshold, certain, c.own_error)
             if against.finding is not Finding.OK:
                 verdict = replace(verdict, finding=Finding.UNKNOWN)
         # the largest, not the sum: of a line that none of its rotors follows the wrong sign finds pieces on several

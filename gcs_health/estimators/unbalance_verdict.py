@@ -1,7 +1,7 @@
 """Which rotor is damaged, whether any is, or that this cannot be told: decided by refits under bounds.
 
     all s <= thr costs < 16       ok, if holding any one rotor at damage costs > 16; else unknown
-    else damage is present        rotor b (the largest), if holding b alone <= thr costs > 16;
+    else damage is present        rotor b (the largest), if holding b alone <= thr costs > 16 and > .07 of that;
                                   else present, rotor not identifiable
 
 Probabilities are logistic in the cost: the threshold alone gives 0.9, nothing in its favour 0.003.
@@ -78,7 +78,14 @@ def outlier_ratio(n: int, chance: float, least: float) -> float:
     return high
 
 
-def judge(fit: Fit, ok_below: Array, damaged_above: Array, threshold: float, certain: float = 1.0) -> Verdict:
+def judge(
+    fit: Fit,
+    ok_below: Array,
+    damaged_above: Array,
+    threshold: float,
+    certain: float = 1.0,
+    own_error: float = 0.0,
+) -> Verdict:
     """Return the verdict on one window.
 
     Parameters
@@ -86,6 +93,7 @@ def judge(fit: Fit, ok_below: Array, damaged_above: Array, threshold: float, cer
     ok_below, damaged_above : (n,) bounds on s.
     threshold : cost above which a hypothesis is given up.
     certain : at most so probable, whatever the cost.
+    own_error : share of the cost of "none is damaged" that may be the model's own error.
     """
     n = len(fit.s)
     nothing, free = np.zeros(n), np.full(n, np.inf)
@@ -113,6 +121,7 @@ def judge(fit: Fit, ok_below: Array, damaged_above: Array, threshold: float, cer
         known = tuple(0.003 if cost > threshold else math.nan for cost in hidden)
         return Verdict(Finding.UNKNOWN, -1, known, present, 0.0)
     alone = fit.cost(nothing, at_most(b))
+    threshold = max(threshold, own_error * present)
     if alone > threshold:
         p = [min(logistic(odds(fit.cost(nothing, at_most(i)))), certain) for i in range(n)]
         return Verdict(Finding.ROTOR, b, tuple(p), present, alone)
