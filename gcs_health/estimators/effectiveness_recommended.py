@@ -314,7 +314,8 @@ class RecommendedBank:
         else:
             self._freeze.quiet(t)
         rotor, row = self._row
-        passes = verdict.passes and self.gate.verdicts and not self.contradicted
+        turns = self.track.last_two(verdict.rotor)[1] >= c.slowest_named * self.hover
+        passes = verdict.passes and turns and self.gate.verdicts and not self.contradicted
         if passes and not (slow and self._may_be_order(verdict)):
             row = row + 1 if verdict.rotor == rotor else 1
             if final and not slow and self._held_pass == (t, verdict.rotor):

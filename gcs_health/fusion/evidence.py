@@ -25,6 +25,7 @@ TURNS = 0.8  # of hover speed: a motor that does cannot have stopped
 STUCK_FLAG, HEAT_FLAGS = 32, 4 | 128 | 256 | 512  # ESC_FAILURE_FLAGS, and PX4's beyond the enum
 HOT = 110.0  # °C, where ESCs begin to protect themselves
 SOON, WARM = 30.0, 70.0  # s within which a rise would reach HOT, and °C from which a rise is followed
+APART, VERY_WARM = 10.0, 90.0  # °C above the others; and from which the rise of one that is not is followed
 TREND_OVER = 5.0  # s
 ERRORS_A_SECOND = 20.0  # more than a noisy wire makes
 UNLIKELY = 0.01  # probability of a rise where the value has fallen
@@ -179,19 +180,28 @@ class EscHeat:
         self.trend += share * ((self.level - before) / dt - self.trend)
         self.t = t
 
-    @property
-    def hot_soon(self) -> bool:
-        """Whether the rise, if it goes on, ends above `HOT` within `SOON` s."""
+    def hot_soon(self, others: float = math.nan) -> bool:
+        """Whether the rise, if it goes on, ends above `HOT` within `SOON` s.
+
+        `others` [°C]: level of the other ESCs. With them all rise in hard flying, and level off.
+        """
         settled = self.t - self.since > 2.0 * TREND_OVER
-        return settled and self.level > WARM and self.level + SOON * self.trend > HOT
+        warm = VERY_WARM if self.level - others < APART else WARM
+        return settled and self.level > warm and self.level + SOON * self.trend > HOT
 
 
 def esc_info(
-    t: float, rotor: int, slot: int, info: EscInfo, errors_a_second: float, heat: EscHeat | None = None
+    t: float,
+    rotor: int,
+    slot: int,
+    info: EscInfo,
+    errors_a_second: float,
+    heat: EscHeat | None = None,
+    others: float = math.nan,
 ) -> Evidence:
-    """Return what ESC_INFO says in its slot 0 to 3."""
+    """Return what ESC_INFO says in its slot 0 to 3; `others` [°C]: how warm the other ESCs are."""
     flags, degc = info.failure_flags[slot], info.temperature_degc[slot]
-    hot = bool(flags & HEAT_FLAGS) or degc > HOT or (heat is not None and heat.hot_soon)
+    hot = bool(flags & HEAT_FLAGS) or degc > HOT or (heat is not None and heat.hot_soon(others))
     other = flags & ~(HEAT_FLAGS | STUCK_FLAG)
     odds: Odds = (
         (Kind.ESC_OVERHEATING, SURE if hot else AGAINST),

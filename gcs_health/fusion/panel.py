@@ -209,7 +209,9 @@ class RotorPanel:
             self._errors[esc] = (t, info.error_count[slot])
             heat = self._heat.setdefault(esc, EscHeat())
             heat.feed(t, info.temperature_degc[slot])
-            self._beliefs[rotor].feed(esc_info(t, rotor, slot, info, max(rate, 0.0), heat))
+            others = [each.level for k, each in self._heat.items() if k != esc]
+            warm = sum(others) / len(others) if others else math.nan
+            self._beliefs[rotor].feed(esc_info(t, rotor, slot, info, max(rate, 0.0), heat, warm))
 
     def routine(self, t: float, telemetry: RotorTelemetry, in_flight: bool) -> list[Alert]:
         """Judge every rotor at vehicle time `t` [s]."""
