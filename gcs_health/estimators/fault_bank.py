@@ -43,9 +43,9 @@ class BankConfig:
     lead: float = 6.0
     free_theta_low: float = 0.5
     free_theta_high: float = 1.7
-    doubted: float = (
-        0.3  # more theta for each of the gains' standard deviations, while they are learned; likewise
-    )
+    # more theta for each of the gains' standard deviations, while they are learned, of a rotor slowed below `kept`:
+    doubted: float = 0.3  # an order looks like a loss through wrong gains; this project
+    kept: float = 0.97  # of its speed at the window's beginning
     shape_share: float = 0.6
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
@@ -213,13 +213,13 @@ class FaultBank:
         loss = float(free[row, rotor])
         if self._doubt[0] or self._doubt[1]:
             second = max(second, self._gains(sums[row, 2 * n + 1 :].tolist()))
-        low = c.free_theta_low + c.doubted * max(self._doubt)
         share = 2.0 * top / q if q > 0.0 else 0.0
         chi2 = (q - 2.0 * top) / max(self.rows * ticks - 1, 1)
         passes = (
             top > c.llr
             and top - second > c.lead
-            and low <= loss <= c.free_theta_high
+            and c.free_theta_low <= loss <= c.free_theta_high
+            and (loss >= c.free_theta_low + c.doubted * max(self._doubt) or self._keeps_speed(rotor, ticks))
             and (share > c.shape_share or chi2 < c.shape_chi2)
             and self._lift_plausible(ticks, excess_sigma)
         )
@@ -244,6 +244,11 @@ class FaultBank:
                 more = min(max(N / D, c.gain_low), c.gain_high)
                 out += more * (N - 0.5 * more * D)
         return out
+
+    def _keeps_speed(self, rotor: int, ticks: int) -> bool:
+        """Whether a rotor turns about as fast at the end of the window as at its beginning, or faster."""
+        window = self._ticks[-ticks:]
+        return window[-1].w1[rotor] >= self.config.kept * window[0].w0[rotor]
 
     def _lift_plausible(self, ticks: int, sigma: float) -> bool:
         """Whether no upward push lies in the window: a lost rotor only removes lift.
@@ -278,12 +283,12 @@ class FaultBank:
         """Return the smallest loss [-] that would pass `llr` over a window of this information; NaN = none.
 
         A loss theta gives N = theta D on average, so LLR = clip theta D - clip² D / 2 with the clip at
-        `theta_low`; solved for theta, and never below `free_theta_low`, more while gains are in doubt.
+        `theta_low`; solved for theta, and never below `free_theta_low`.
         """
         c = self.config
         if information <= 0.0:
             return float("nan")
         small = (c.llr / information + 0.5 * c.theta_low**2) / c.theta_low
         theta = small if small <= c.theta_low else (2.0 * c.llr / information) ** 0.5
-        theta = max(theta, c.free_theta_low + c.doubted * max(self._doubt))
+        theta = max(theta, c.free_theta_low)
         return theta if theta <= 1.0 else float("nan")
