@@ -131,6 +131,25 @@ def test_a_lost_rotor_is_named_on_gains_not_yet_learned_too(rotor: int) -> None:
     assert verdict.rotor == rotor
 
 
+@pytest.mark.parametrize(
+    ("doubt", "slower", "passes"), [(0.0, 10.0, True), (0.5, 0.0, True), (0.5, 10.0, False)]
+)
+def test_a_part_missing_from_a_rotor_that_is_slowed_waits_for_learned_gains(
+    doubt: float, slower: float, passes: bool
+) -> None:
+    bank = FaultBank(ROTORS, 3, BankConfig())
+    for k in range(12):
+        w = [500.0] * ROTORS
+        w[2] -= slower * k
+        r = [-0.58 * w[2] ** 2 * float(row[2]) for row in GAINS]
+        r[2] = 0.0
+        bank.add_final(Evidence(tuple(r), [0.0] * 4, [0.3] * 4, 1.0, w, w, GAINS, (doubt, doubt)), -1.4)
+    verdict = judged(bank)
+    assert verdict.rotor == 2
+    assert verdict.theta == pytest.approx(0.58, abs=0.05)
+    assert verdict.passes is passes
+
+
 def exchanged(count: int, one: int, other: int, doubt: float) -> list[Evidence]:
     """Ticks of a manoeuvre whose two rotors sit in each other's seats."""
     rng = random.Random(7)

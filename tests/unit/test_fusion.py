@@ -5,7 +5,7 @@ import math
 import pytest
 
 from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
-from gcs_health.fusion.evidence import esc_info, esc_state, from_estimate
+from gcs_health.fusion.evidence import EscHeat, esc_info, esc_state, from_estimate
 from gcs_health.fusion.kinds import FAULTS, Kind
 from gcs_health.fusion.verdicts import BOUND, PRIOR_ODDS, Evidence, RotorBelief, Verdict
 from gcs_health.rotor_telemetry import RotorState
@@ -150,3 +150,15 @@ def test_an_esc_that_what_rubs_has_heated_is_told_beside_it() -> None:
     assert both.of({Kind.DRAG_RISEN}) == pytest.approx(judged(rubs).of({Kind.DRAG_RISEN}), abs=1e-3)
     assert both.of({Kind.ESC_OVERHEATING}) == pytest.approx(judged(hot).of({Kind.ESC_OVERHEATING}), abs=1e-3)
     assert min(both.of({Kind.DRAG_RISEN}), both.of({Kind.ESC_OVERHEATING})) > 0.9
+
+
+@pytest.mark.parametrize(("others", "soon"), [(math.nan, True), (60.0, True), (78.0, False)])
+def test_an_esc_that_grows_warm_with_all_others_is_not_about_to_overheat(others: float, soon: bool) -> None:
+    heat = EscHeat()
+    for k in range(60):
+        heat.feed(k * 0.5, 40.0 + 1.3 * k * 0.5)
+    assert 70.0 < heat.level < 90.0
+    assert heat.hot_soon(others) is soon
+    for k in range(60, 90):
+        heat.feed(k * 0.5, 40.0 + 1.3 * k * 0.5)
+    assert heat.hot_soon(others)

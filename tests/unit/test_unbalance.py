@@ -14,7 +14,7 @@ from gcs_health.errors import AirframeError, ConfigError
 from gcs_health.estimators.bounded_fit import fit
 from gcs_health.estimators.contract import Estimate, Quantity, Reason, Status
 from gcs_health.estimators.unbalance import Baseline, UnbalanceConfig, UnbalanceEstimator
-from gcs_health.estimators.unbalance_verdict import chance_of_outlier, outlier_ratio
+from gcs_health.estimators.unbalance_verdict import Finding, chance_of_outlier, judge, outlier_ratio
 from gcs_health.samples import (
     CommandReading,
     FlightReading,
@@ -302,6 +302,22 @@ def test_the_chance_of_an_outlier_is_that_of_exponential_powers() -> None:
         assert np.mean(drawn[:, 3] > c * drawn[:, 2]) == pytest.approx(chance_of_outlier(4, c), rel=0.05)
     assert chance_of_outlier(4, outlier_ratio(4, 1e-4, 1.0)) == pytest.approx(1e-4, rel=1e-6)
     assert outlier_ratio(12, 0.002, 5.0) == 25.0
+
+
+def test_a_rotor_in_whose_place_another_leaves_next_to_nothing_is_not_named() -> None:
+    rng = np.random.default_rng(4)
+    mix = rng.exponential(0.2, (4000, 3))
+    mix[:, 1] = 0.9 * mix[:, 0] + 0.1 * mix[:, 1]  # two rotors at nearly one speed
+    noise = np.full(4000, 0.1)
+    power = (mix @ np.array([2.0, 0.0, 0.0]) + noise) * rng.exponential(1.0, 4000)
+    found = fit(power, mix, noise, list(range(0, 4000, 12)))
+    assert found is not None
+    bounds = np.full(3, 0.1), np.full(3, 1.0)
+    sheet, ours = judge(found, *bounds, 16.0), judge(found, *bounds, 16.0, own_error=0.07)
+    assert 16.0 < sheet.alone < 0.07 * sheet.present
+    assert (sheet.finding, sheet.rotor) == (Finding.ROTOR, 0)
+    assert (ours.finding, ours.rotor) == (Finding.PRESENT, -1)
+    assert ours.probability[0] == ours.probability[1] > 0.45 > ours.probability[2]
 
 
 def test_bounded_fits_agree_with_a_bounded_solver() -> None:
