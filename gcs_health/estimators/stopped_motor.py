@@ -108,10 +108,9 @@ class StoppedMotor:
             self._some_behind = True
             if self._behind_since[i] != self._behind_since[i]:
                 self._behind_since[i] = t
-            if self._asked(i, commands, c.as_others, self._behind_since[i]) or self._asked(
-                i, commands, c.more
-            ):
-                self._fell[i] = True
+            told = self._asked(i, commands, c.as_others, self._behind_since[i])
+            # or asked for more than the others: nobody means to slow it
+            self._fell[i] |= bool(told or self._asked(i, commands, c.more))
 
     def _has_stopped(self, t: float, rotor: int, commands: list[float]) -> bool:
         """Whether the one slow rotor once turned, is to turn, and has been slow long enough in flight."""
