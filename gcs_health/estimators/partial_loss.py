@@ -13,6 +13,10 @@ A manoeuvre that closes the gate for a moment ends the windows and nothing else.
 not the manoeuvre's: learned anew each time it would take in a loss that came just before, and no rotor would be
 judged for three seconds.
 
+A load that drops shifts the centre of mass, which looks like a loss in roll and pitch. But it makes the vehicle
+lighter, where a loss takes lift away: lift that stays above the baseline by more than .08 is another load, and the
+baseline is learned anew.
+
 Source: sheet 1 section 7 step 7; sheet 5 section 3, partial loss.
 """
 
@@ -43,6 +47,8 @@ class PartialConfig:
     spread: float = 0.03  # of theta in healthy flight
     hold_at_most: float = 60.0  # s that the offset stands still; this project
     closed_at_most: float = 3.0  # s of closed gate after which the offset still holds; this project
+    lighter: float = 0.08  # of the lift, above the baseline in `lighter_lessons` on end: another load; this project
+    lighter_lessons: int = 5
 
 
 class PartialLoss:
@@ -73,6 +79,7 @@ class PartialLoss:
         self.std = 1.0
         self.time = 0.0  # s since the restart
         self._held = 0.0  # s that the offset has stood still
+        self._lighter = 0  # lessons on end
         self._offset: Array = np.zeros(4)
         self._recent: deque[Array] = deque(maxlen=self.config.windows[1])  # [N, D, Q] of each lesson
 
@@ -91,6 +98,9 @@ class PartialLoss:
         h[3] = matrix[3] * (weights @ lesson.last_squares)
         noise = (weights @ lesson.variances) * (c.correlated / len(lesson.dt))
         r = (weights @ lesson.e) - self._offset
+        if self._lost_load(float(r[3] / h[3].sum())):
+            self.restart()
+            r = weights @ lesson.e
         weighted = r / noise
         row = np.concatenate((-(weighted @ h), (1.0 / noise) @ (h * h), [float(weighted @ r)]))
         self._recent.append(row)
@@ -105,6 +115,12 @@ class PartialLoss:
         limit = c.clip * np.sqrt(noise)
         gain = min(1.0, lesson.length / min(c.offset_memory, max(self.time, 0.5)))
         self._offset = self._offset + gain * np.minimum(np.maximum(r, -limit), limit)
+
+    def _lost_load(self, lighter: float) -> bool:
+        """Whether the vehicle has become lighter by a share that lasts."""
+        c = self.config
+        self._lighter = self._lighter + 1 if lighter > c.lighter and self.time > c.settle else 0
+        return self._lighter >= c.lighter_lessons and self._named is None
 
     def _judge(self, n: int) -> None:
         c = self.config

@@ -1,10 +1,14 @@
 """A rotor that lost a part of its thrust: named, sized, with an interval that holds; healthy flight is silent."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from synthetic_flight import Scenario, airframe, fly
 
 from gcs_health.estimators.contract import Estimate, Status
 from gcs_health.estimators.effectiveness import EffectivenessEstimator
+from gcs_health.estimators.partial_loss import PartialConfig, PartialLoss
 from gcs_health.gate import Closed
 
 
@@ -47,6 +51,36 @@ def test_a_healthy_flight_shows_no_loss(rotors: int) -> None:
         estimator.feed(reading)
         assert bank.partial.rotor is None
     assert bank.partial.time > 5.0
+
+
+@pytest.mark.parametrize(("lift", "named"), [(-0.03, True), (0.15, False)])
+def test_a_dropped_load_is_no_loss_although_it_turns_the_vehicle_as_one_would(
+    lift: float, named: bool
+) -> None:
+    gains = np.array([[-6.0, 6.0, 6.0, -6.0], [6.0, -6.0, 6.0, -6.0], [0.0] * 4, [-2.4] * 4]) / 250_000.0
+    squares = np.full((20, 4), 250_000.0)
+    rng = np.random.default_rng(1)
+    partial = PartialLoss(4, PartialConfig())
+    seen = []
+    for k in range(60):
+        e = rng.normal(0.0, 0.3, (20, 4))
+        if k >= 25:  # after 10 s
+            e -= 0.12 * 250_000.0 * gains[:, 2]
+            e[:, 3] = -lift * 9.6
+        lesson = SimpleNamespace(
+            length=0.4,
+            dt=np.full(20, 0.02),
+            e=e,
+            variances=np.full((20, 4), 0.1),
+            squares=squares,
+            last_squares=squares,
+        )
+        partial.feed(lesson, gains)
+        seen.append(partial.rotor)
+    assert seen[:25] == [None] * 25
+    lasted = sum(rotor is not None for rotor in seen)
+    assert {rotor for rotor in seen if rotor is not None} <= {2}
+    assert lasted > 30 if named else lasted * 0.4 < 1.5  # s; and then it is not told
 
 
 @pytest.mark.parametrize("closed", [0.2, 4.0])
