@@ -47,8 +47,8 @@ class PartialConfig:
     spread: float = 0.03  # of theta in healthy flight
     hold_at_most: float = 60.0  # s that the offset stands still; this project
     closed_at_most: float = 3.0  # s of closed gate after which the offset still holds; this project
-    lighter: float = 0.08  # of the lift, above the baseline in `lighter_lessons` on end: another load; this project
-    lighter_lessons: int = 5
+    lighter: float = 0.08  # of the lift, above the baseline, in so many lessons on end: another load;
+    lighter_lessons: int = 5  # this project
 
 
 class PartialLoss:
