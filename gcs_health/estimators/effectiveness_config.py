@@ -34,9 +34,7 @@ class RecommendedConfig:
     slowest_tick: float = 0.053  # s; three ticks must fit into the window
     slowest_rotor_speeds: float = 0.25  # s
     shift_rotor_speeds: float = 0.03  # s; slower ones smear the shift away
-    slowest_named: float = (
-        0.6  # of hover speed; a rotor slower adds a third at most, seen badly; this project
-    )
+    slowest_named: float = 0.6  # of hover speed; a slower rotor adds a third at most; this project
     calm: float = 2.0  # sigmas; a tick within accuses nobody and need not be judged by itself
     wait: float = 0.01  # s; rotor speeds as fast as that are waited for rather than held
     freeze: float = 0.4  # s without learning after a hypothesis exceeded half its threshold
