@@ -54,9 +54,11 @@ class Outcome(NamedTuple):
     healthy: float
 
 
-def scenario(vehicle: str, kind: str, wind: float = 4.0, turbulence: str = "low") -> Scenario:
+def scenario(
+    vehicle: str, kind: str, wind: float = 4.0, turbulence: str = "low", duration: float = DURATION
+) -> Scenario:
     """Return a flight, in light wind [m/s] if not said otherwise."""
-    changes = [f"vehicle={vehicle}", f"trajectory.kind={kind}", f"trajectory.duration={DURATION}"]
+    changes = [f"vehicle={vehicle}", f"trajectory.kind={kind}", f"trajectory.duration={duration}"]
     changes += ["trajectory.height=12", "trajectory.lands=false", "trajectory.speed=8"]
     changes += [f"wind.speed={wind}", f"wind.turbulence={turbulence}"]
     return load_scenario("healthy_quad", changes)
