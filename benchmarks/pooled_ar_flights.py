@@ -14,6 +14,7 @@ from gcs_health.simulate.boom_bench import ROTORS, SPEED_STEP, Bench, Plan, fly_
 GUSTS = {"light": 0.5, "middle": 1.5, "severe": 2.3}  # m/s rms
 BETWEEN = (0.1, 0.3, 0.5, 0.7, 0.9)  # levels that are not fitted
 RATE = 1.0 / 3e-4
+AT_ONCE = 120  # flights side by side: memory
 SETTLE = 6.0  # s after the onset, as the paper waits for
 AXES = ("ax", "ay", "az", "p", "q", "r")
 
@@ -77,19 +78,25 @@ def flown(
         with np.load(file) as stored:
             return Flown(tuple(plans), {k: stored[k] for k in ("hub", "booms", "imu", "speed", "command")})
     log(f"{regime}: {name}, {len(plans)} flights of {duration:.0f} s")
-    flights = fly_bench(plans, Bench(gusts=GUSTS[regime], duration=duration, onset=onset))
-    start = round(SETTLE * RATE)
-    signals = {
-        "hub": flights.hub[start:],
-        "booms": flights.booms[start:, :2],
-        "imu": flights.imu[round(SETTLE / 0.005) :],
-        "speed": flights.speed,
-        "command": flights.command,
-    }
+    bench = Bench(gusts=GUSTS[regime], duration=duration, onset=onset)
+    parts = [_signals(plans[k : k + AT_ONCE], bench) for k in range(0, len(plans), AT_ONCE)]
+    signals = {key: np.concatenate([part[key] for part in parts], axis=-1) for key in parts[0]}
     if file is not None:
         file.parent.mkdir(exist_ok=True)
         np.savez(file, **signals)
     return Flown(tuple(plans), signals)
+
+
+def _signals(plans: list[Plan], bench: Bench) -> dict[str, np.ndarray]:
+    flights = fly_bench(plans, bench)
+    start = round(SETTLE * RATE)
+    return {
+        "hub": flights.hub[start:],
+        "booms": flights.booms[start:, :2].copy(),
+        "imu": flights.imu[round(SETTLE / 0.005) :],
+        "speed": flights.speed,
+        "command": flights.command,
+    }
 
 
 def log(text: str) -> None:
@@ -97,7 +104,7 @@ def log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def between(vehicles: tuple[int, ...], seed: int, each: int = 1000) -> list[Plan]:
-    """Return flights at levels that are not fitted, both rotors."""
-    rows = [(rotor, k) for rotor in (0, 1) for k in BETWEEN]
-    return [Plan(v, seed + each * v + i, rotor, k) for v in vehicles for i, (rotor, k) in enumerate(rows)]
+def between(vehicles: tuple[int, ...], seed: int, times: int = 1) -> list[Plan]:
+    """Return flights at levels that are not fitted, both rotors, so many `times`; seeds on from `seed`."""
+    rows = [(rotor, k) for rotor in (0, 1) for k in BETWEEN] * times
+    return [Plan(v, seed + 1000 * v + i, rotor, k) for v in vehicles for i, (rotor, k) in enumerate(rows)]

@@ -112,7 +112,6 @@ def model(
         alarm_window=1.0,
         value_window=window,
         bias=0.0,
-        ratio=(0.0, math.inf),
         threshold=math.nan,
         alarm_every=math.nan,
         tail=(math.nan, math.nan),

@@ -135,7 +135,6 @@ def _model(healthy: HealthyVibration) -> PooledModel:
         alarm_window=WINDOW,
         value_window=WINDOW,
         bias=math.nan,
-        ratio=(0.0, math.inf),
         threshold=healthy.alarm.threshold,
         alarm_every=healthy.alarm.every,
         tail=(healthy.alarm.location, healthy.alarm.scale),

@@ -11,12 +11,14 @@ from zipfile import BadZipFile
 import numpy as np
 
 from gcs_health.errors import ConfigError
+from gcs_health.estimators.pooled_ar_air import KnownAir
 from gcs_health.estimators.pooled_ar_model import Part, PooledModel
 from gcs_health.estimators.speed_span import SpeedFacts
 
-SCHEMA = "gcs_health.pooled_ar/1"
+SCHEMA = "gcs_health.pooled_ar/2"
 ARRAYS = ("levels", "offsets", "scales")
-TUPLES = ("channels", "tail", "ratio")
+TUPLES = ("channels", "tail")
+AIR = ("levels", "mean", "covariance")
 PLAIN = (
     *("vehicle", "regime", "rate", "mean_over", "cutoff", "alarm_window", "value_window", "bias"),
     *("threshold", "alarm_every", "healthy_time", "names"),
@@ -30,6 +32,9 @@ def save(model: PooledModel, path: Path) -> None:
         arrays[f"theta_{k}"], arrays[f"variance_{k}"] = part.theta, part.variance
     text: dict[str, Any] = {name: getattr(model, name) for name in PLAIN + TUPLES}
     text |= {"schema": SCHEMA, "parts": [[p.rotor, p.channel] for p in model.parts], "facts": model.facts}
+    if model.air is not None:
+        arrays |= {f"air_{name}": getattr(model.air, name) for name in AIR}
+        text["air_bound"] = model.air.bound
     if model.speeds is not None:
         arrays["speeds_healthy"] = model.speeds.healthy
         text["speeds"] = {name: getattr(model.speeds, name) for name in ("between", "drift", "error")}
@@ -51,7 +56,7 @@ def load(path: Path) -> PooledModel:
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise ConfigError(f"{path.name}: not a trained model: {error}") from error
     if text.pop("schema", None) != SCHEMA:
-        raise ConfigError(f"{path.name}: expected a model under {SCHEMA!r}")
+        raise ConfigError(f"{path.name}: expected a model under {SCHEMA!r}: train it again")
     try:
         values: dict[str, Any] = {name: text[name] for name in PLAIN}
         values |= {name: arrays[name] for name in ARRAYS}
@@ -61,6 +66,8 @@ def load(path: Path) -> PooledModel:
             Part(rotor, channel, arrays[f"theta_{k}"], arrays[f"variance_{k}"])
             for k, (rotor, channel) in enumerate(text["parts"])
         )
+        if "air_bound" in text:
+            values["air"] = KnownAir(**{name: arrays[f"air_{name}"] for name in AIR}, bound=text["air_bound"])
         if "speeds" in text:
             values["speeds"] = SpeedFacts(healthy=arrays["speeds_healthy"], **text["speeds"])
         return PooledModel(**values)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_health.airframe import AlarmLevel
 from gcs_health.estimators.labelled_flights import BOOM
+from gcs_health.estimators.pooled_ar_air import KnownAir
 from gcs_health.estimators.speed_span import SpeedFacts
 
 Array = NDArray[np.float64]
@@ -224,7 +225,7 @@ class PooledModel:
         the variance [its unit²] by which its Grams are divided: the same for every rotor.
     parts : one a rotor and channel; of one rotor all have the same p.
     alarm_window, value_window [s]. bias : b, the model's own error of k, of a value window.
-    ratio : bounds of a value window's residual variance over the trained one, as held-out flights had it.
+    air : what value windows of flights that trained nothing look like, None = not known.
     threshold : of k in an alarm window, passed by a healthy flight once in `alarm_every` [s].
     tail : location and scale of the Gumbel law of 10 s maxima in healthy flight; healthy_time [s] behind it.
     names : share of held-out windows in which the smallest residual was the right rotor's.
@@ -244,12 +245,12 @@ class PooledModel:
     alarm_window: float
     value_window: float
     bias: float
-    ratio: tuple[float, float]
     threshold: float
     alarm_every: float
     tail: tuple[float, float]
     healthy_time: float
     names: float
+    air: KnownAir | None = None
     speeds: SpeedFacts | None = None
     facts: tuple[tuple[str, float], ...] = ()
 

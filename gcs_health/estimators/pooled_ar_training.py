@@ -18,6 +18,7 @@ from gcs_health.airframe import Airframe
 from gcs_health.calibration.alarm_level import gumbel
 from gcs_health.errors import ConfigError
 from gcs_health.estimators.labelled_flights import BOOM, LabelledFlight
+from gcs_health.estimators.pooled_ar_air import FEW, KnownAir, learned
 from gcs_health.estimators.pooled_ar_model import (
     Array,
     Moments,
@@ -32,12 +33,12 @@ from gcs_health.estimators.pooled_ar_model import (
     residual_variances,
     spread,
 )
+from gcs_health.estimators.pooled_ar_watch import WatchConfig, judge
 from gcs_health.estimators.speed_training import learned_speeds
 
 MAXIMA = 10.0  # s, over which healthy maxima are taken
 SLOWEST_FILTER = 40.0  # Hz: a lower cut-off leaves the body's motion alone, of which nothing was measured
 COVERED = 0.95  # of held-out windows by the 95 % interval
-ROOM = 1.1  # about the residual variances of held-out flights, beyond which it is other air
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,7 @@ def train(
         tail=(location, scale),
         threshold=_threshold(maxima, location, scale, s.alarm_every),
         healthy_time=len(maxima) * MAXIMA,
+        air=known_air(model, [*held_out, *healthy]),
         speeds=learned_speeds(airframe, fitted, held_out, healthy) if airframe else None,
         facts=(
             *model.facts,
@@ -104,7 +106,7 @@ def train(
 
 def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledModel:
     """Return the model with its mean error, b and share of right rotors, from held-out flights."""
-    errors, needed, right, ratios = [], [], [], []
+    errors, needed, right = [], [], []
     for flight in held_out:
         blocks = windows(model, flight, flight.rotor, model.value_window)
         if not len(blocks):
@@ -114,8 +116,6 @@ def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledMo
         errors.append(np.abs(error))
         sure = spread(blocks, k, samples(model, blocks))
         needed.append((error / 1.96) ** 2 - sure.robust)
-        mean = sure.rss / samples(model, blocks) * len(model.channels)
-        ratios.append(mean / model.expected(flight.rotor, k))
         if flight.k > 0.0:
             right.append(identified(model, flight, model.value_window) == flight.rotor)
     if not errors:
@@ -126,8 +126,22 @@ def measured(model: PooledModel, held_out: Sequence[LabelledFlight]) -> PooledMo
         ("held_out_windows", float(sum(map(len, errors)))),
     )
     names = float(np.concatenate(right).mean()) if right else math.nan
-    ratio = (float(np.concatenate(ratios).min() / ROOM), float(np.concatenate(ratios).max() * ROOM))
-    return replace(model, bias=bias, ratio=ratio, names=names, facts=(*model.facts, *facts))
+    return replace(model, bias=bias, names=names, facts=(*model.facts, *facts))
+
+
+def known_air(model: PooledModel, flights: Sequence[LabelledFlight]) -> KnownAir | None:
+    """Return what value windows of flights that were not fitted look like; None if there are too few."""
+    recent = round(model.alarm_window * model.rate / model.block)
+    truth, k, z = [], [], []
+    for flight in flights:
+        of_each = [windows(model, flight, rotor, model.value_window) for rotor in model.rotors]
+        for blocks in zip(*of_each, strict=True):
+            grams = dict(zip(model.rotors, blocks, strict=True))
+            verdict = judge(model, WatchConfig(), 0.0, grams, recent, True)
+            truth.append(flight.k)
+            k.append(verdict.views[verdict.best].k)
+            z.append(verdict.traits)
+    return learned(np.array(truth), np.array(k), np.array(z)) if len(z) >= FEW else None
 
 
 def windows(model: PooledModel, flight: LabelledFlight, rotor: int, length: float, every: int = 0) -> Array:
@@ -235,7 +249,6 @@ def _fits(fitted: Sequence[LabelledFlight], s: TrainingSettings) -> list[PooledM
                 alarm_window=s.alarm_window,
                 value_window=s.value_window,
                 bias=math.nan,
-                ratio=(0.0, math.inf),
                 threshold=math.nan,
                 alarm_every=s.alarm_every,
                 tail=(math.nan, math.nan),

@@ -7,11 +7,12 @@ window. A gap starts the AR history anew and leaves the blocks before it as they
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gcs_health.estimators.contract import Reason
+from gcs_health.estimators.pooled_ar_air import traits
 from gcs_health.estimators.pooled_ar_model import Array, PooledModel, minimise, misfit, rss, spread
 from gcs_health.samples import BoomReading, ImuReading
 
@@ -26,10 +27,7 @@ FIFTHS = 5  # pieces of a window whose residuals are compared
 class WatchConfig:
     """When a model refuses to answer; sheet 4 section 6, bounds as tested in benchmarks/pooled_ar.md."""
 
-    ratio: tuple[float, float] = (
-        0.6,
-        2.0,
-    )  # residual variance over the trained one; the model's own may be closer
+    ratio: tuple[float, float] = (0.6, 2.0)  # residual variance over the trained one
     uneven: float = 3.0  # between the fifths of a window
     k: tuple[float, float] = (-0.2, 1.2)
     margin: float = 1.02  # the second rotor's residual over the best one's
@@ -58,16 +56,27 @@ class RotorView:
 class Verdict:
     """One model's answer at t [s].
 
-    views : by rotor. best : the rotor of the smallest residual. lead : the next one's over it.
+    views : by rotor. order : rotors by their residual, the smallest first. lead : the next one's over it.
     refused : why no value is given; blind : why no alarm either.
     """
 
     t: float
     views: dict[int, RotorView]
-    best: int
+    order: tuple[int, ...]
     lead: float
     refused: tuple[Reason, ...]
     blind: tuple[Reason, ...]
+
+    @property
+    def best(self) -> int:
+        """The rotor of the smallest residual."""
+        return self.order[0]
+
+    @property
+    def traits(self) -> Array:
+        """What tells the air; see `pooled_ar_air`."""
+        best, *others = (self.views[rotor] for rotor in self.order)
+        return traits(best.ratio, [(other.ratio, other.k) for other in others])
 
 
 class ModelWatch:
@@ -228,17 +237,18 @@ def judge(
     views, misfits = {}, {}
     for rotor, blocks in grams.items():
         views[rotor], misfits[rotor] = _view(model, rotor, blocks, recent)
-    order = sorted(grams, key=misfits.__getitem__)
+    order = tuple(sorted(grams, key=misfits.__getitem__))
     lead = misfits[order[1]] / misfits[order[0]] if len(order) > 1 else math.inf
     best = views[order[0]]
-    blind = [] if c.ratio[0] <= best.ratio_alarm <= c.ratio[1] else [Reason.UNMODELLED]
+    blind = () if c.ratio[0] <= best.ratio_alarm <= c.ratio[1] else (Reason.UNMODELLED,)
+    verdict = Verdict(t, views, order, float(lead), (), blind)
     refused = [] if whole else [Reason.FILLING]
-    low, high = max(c.ratio[0], model.ratio[0]), min(c.ratio[1], model.ratio[1])
-    if not (low <= best.ratio <= high and c.k[0] <= best.k <= c.k[1]):
+    at_home = model.air is None or model.air.holds(best.k, verdict.traits)
+    if not (at_home and c.ratio[0] <= best.ratio <= c.ratio[1] and c.k[0] <= best.k <= c.k[1]):
         refused.append(Reason.UNMODELLED)
     if not _steady(grams[order[0]], best.k, c.uneven):
         refused.append(Reason.UNSTEADY)
-    return Verdict(t, views, order[0], float(lead), tuple(refused), tuple(blind))
+    return replace(verdict, refused=tuple(refused))
 
 
 def _view(model: PooledModel, rotor: int, blocks: Array, recent: int) -> tuple[RotorView, float]:

@@ -268,8 +268,9 @@ class RecommendedTracker:
                 verdict = self._undecided(verdict, tuple(sorted((verdict.rotor, rival))))
         if verdict.finding is Finding.ROTOR and not self._sign_known:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
+        largest = _largest(best)
         together = best.tangles(c.inseparable, c.entangled)
-        for group in together:
+        for group in (*together, abreast(verdict.rotor, largest, flown, c.abreast)):
             if verdict.rotor in group:
                 verdict = self._undecided(verdict, group)
         leak = NAN
@@ -288,7 +289,7 @@ class RecommendedTracker:
             self.tracker.lengths[length],
             together,
             seen,
-            _largest(best),
+            largest,
             lost,
         )
 
@@ -328,6 +329,19 @@ def _largest(fit: Fit) -> tuple[int, ...]:
     b = int(np.argmax(s))
     spread = np.sqrt(np.maximum(np.diag(C) + C[b, b] - 2.0 * C[b], 0.0))
     return tuple(np.flatnonzero((s[b] - s) <= LARGEST_SIGMAS * spread).tolist())
+
+
+def abreast(rotor: int, largest: tuple[int, ...], flown: list[Stretch], near: float) -> tuple[int, ...]:
+    """Return the rotor and those that may as well be the largest and turn as fast, within `near` [rad/s] rms.
+
+    Their lines are one peak: whose it is hangs on the errors of their speeds. Empty if there is no other.
+    """
+    if rotor < 0:
+        return ()
+    speeds = np.array([stretch.speed for stretch in flown])
+    apart = np.sqrt(((speeds - speeds[:, rotor, None]) ** 2).mean(axis=0))
+    group = tuple(other for other in largest if apart[other] < near)
+    return group if len(group) > 1 else ()
 
 
 def _mean_speed(flown: list[Stretch]) -> Array:
