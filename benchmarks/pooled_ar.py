@@ -262,7 +262,7 @@ def alarms(regime: str, fly: Callable[..., Flown], models: dict[tuple[str, str],
         row = " | ".join(cells)
         expected = minutes * 60.0 / model.alarm_every
         print(f"| {sensor.name} | {row} | {count} in {minutes:.0f} min | {expected:.1f} |", flush=True)
-    speeds(regime, onset, calm, models)
+    speeds(regime, fly, onset, calm, models)
 
 
 def events(model: PooledModel, flight: LabelledFlight) -> list[float]:
@@ -277,7 +277,13 @@ def events(model: PooledModel, flight: LabelledFlight) -> list[float]:
     return began
 
 
-def speeds(regime: str, onset: Flown, calm: Flown, models: dict[tuple[str, str], PooledModel]) -> None:
+def speeds(
+    regime: str,
+    fly: Callable[..., Flown],
+    onset: Flown,
+    calm: Flown,
+    models: dict[tuple[str, str], PooledModel],
+) -> None:
     """Print the speed path, 10 Hz with 15 rpm of noise, and how each path names rotors."""
     model = next(model for (air, _), model in models.items() if air == regime)
     print("\n| rotor speeds | mean error, 2 s | k = .1 seen after, worst | missed | healthy alarms |")
@@ -298,6 +304,14 @@ def speeds(regime: str, onset: Flown, calm: Flown, models: dict[tuple[str, str],
             f"{len(delays) - len(seen)} of {len(delays)} | in {false} of {len(calm.plans)} flights |",
             flush=True,
         )
+    for rate in (20, 50):
+        name = f"speeds alone, {rate} Hz"
+        for k, at in enumerate((ONSET, ONSET + 0.03, ONSET + 0.06)):
+            plans = between(OTHERS, 500_000 + 100 * k, 3)
+            pairs = fly(f"pairs_{rate}_{k}", plans, 20.0, at, 1.0 / rate)
+            for j, plan in enumerate(plans):
+                _, _, named = followed(model, pairs.told(j, False, 1.0 / rate))
+                count(outcomes.setdefault(name, [0] * 4), plan.rotor, named)
     for sensor in [one for one in SENSORS if (regime, one.name) in models and one.rate == RATE]:
         for j, plan in enumerate(onset.plans[::9]):
             _, _, named = followed(models[regime, sensor.name], onset.vibrated(9 * j, sensor.stream))

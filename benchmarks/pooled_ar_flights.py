@@ -44,11 +44,11 @@ class Flown:
             out.append(LabelledFlight(str(plan.vehicle), plan.rotor, plan.k, signals, booms, speeds))
         return out
 
-    def told(self, j: int, commands: bool) -> Iterator[Reading]:
+    def told(self, j: int, commands: bool, step: float = SPEED_STEP) -> Iterator[Reading]:
         """Yield rotor speeds, and commands, of a flight."""
         s, absent = self.signals, (float("nan"),) * ROTORS
         for k in range(len(s["speed"])):
-            t = SPEED_STEP * (k + 1)
+            t = step * (k + 1)
             if commands:
                 yield CommandReading(t, tuple((s["command"][k, :, j] / 1000.0).tolist()))
             yield RotorReading(t, tuple(s["speed"][k, :, j].tolist()), absent, absent)
@@ -70,7 +70,13 @@ class Flown:
 
 
 def flown(
-    cache: Path | None, regime: str, name: str, plans: list[Plan], duration: float, onset: float = 0.0
+    cache: Path | None,
+    regime: str,
+    name: str,
+    plans: list[Plan],
+    duration: float,
+    onset: float = 0.0,
+    speed_step: float = SPEED_STEP,
 ) -> Flown:
     """Fly on the bench, or take the flights from the cache."""
     file = cache / f"{regime}_{name}.npz" if cache else None
@@ -78,7 +84,7 @@ def flown(
         with np.load(file) as stored:
             return Flown(tuple(plans), {k: stored[k] for k in ("hub", "booms", "imu", "speed", "command")})
     log(f"{regime}: {name}, {len(plans)} flights of {duration:.0f} s")
-    bench = Bench(gusts=GUSTS[regime], duration=duration, onset=onset)
+    bench = Bench(gusts=GUSTS[regime], duration=duration, onset=onset, speed_step=speed_step)
     parts = [_signals(plans[k : k + AT_ONCE], bench) for k in range(0, len(plans), AT_ONCE)]
     signals = {key: np.concatenate([part[key] for part in parts], axis=-1) for key in parts[0]}
     if file is not None:

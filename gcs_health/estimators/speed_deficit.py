@@ -205,7 +205,7 @@ class SpeedDeficit:
             newest = np.array(self._means(1)[0])
             if self._outside.settled and newest.mean() > 0.0:
                 e = self.span.outside(newest) - np.array(self._outside.value)
-                self._onset.feed(newest / newest.mean(), e)
+                self._onset.feed(newest / newest.mean(), e, float(self._blocks[:, 1].mean()))
 
     def _flies(self, mean: float) -> bool:
         if self.landed:

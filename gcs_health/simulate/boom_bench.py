@@ -203,7 +203,7 @@ class _Flight:
         samples, count = total // over, self.count
         acceleration = np.empty((samples, 9, count), dtype=np.float32)  # heave, rolling, pitching, tips
         motion = np.empty((samples, 5, count), dtype=np.float32)  # ax, ay, p, q, r
-        keep = round(SPEED_STEP / 3e-4) * over
+        keep = round(b.speed_step / 3e-4) * over
         speeds, commands = [], []
         control = max(1, round(CONTROL_STEP / self.dt))
         gusts = np.empty((0, 5, count))

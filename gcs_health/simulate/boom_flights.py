@@ -21,7 +21,7 @@ class Bench:
     """How the flights are flown.
 
     gusts : rms [m/s]. duration, onset [s]. oversample : physics steps a sample of 10/3 kHz; 3 = the paper's 10 kHz.
-    noise : of the accelerometers [m/s²]; gyro_noise [rad/s].
+    noise : of the accelerometers [m/s²]; gyro_noise [rad/s]. speed_step [s] : between rotor speeds told.
     """
 
     gusts: float = 0.5
@@ -30,6 +30,7 @@ class Bench:
     oversample: int = 1
     noise: float = 0.06
     gyro_noise: float = 0.004
+    speed_step: float = SPEED_STEP
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class BenchFlights:
 
     rate [Hz] of `hub`: az, p, q (n, 3, flights) and `booms` (n, 6, flights), specific forces along body z [m/s²].
     imu : (m, 6, flights) ax, ay, az, p, q, r as means over 5 ms, 200 Hz.
-    speed, command : (s, 6, flights) [rad/s] at 10 Hz.
+    speed, command : (s, 6, flights) [rad/s], at 10 Hz if the bench is not told otherwise.
     """
 
     plans: tuple[Plan, ...]
@@ -72,7 +73,7 @@ class BenchFlights:
     def _rows(self, flight: int, stream: str) -> Iterator[tuple[float, int, Reading]]:
         """Yield (time, order at one time, reading)."""
         absent = (math.nan,) * ROTORS
-        step, told = 1.0 / self.rate, round(SPEED_STEP * self.rate) / self.rate
+        step, told = 1.0 / self.rate, round(self.bench.speed_step * self.rate) / self.rate
         if stream == "hub":
             for k, (az, p, q) in enumerate(self.hub[:, :, flight].tolist()):
                 yield k * step, 2, ImuReading(k * step, 0.0, 0.0, az, p, q, 0.0)
@@ -96,9 +97,9 @@ class BenchFlights:
 
     def labelled(self, skip: float = 6.0, stream: str = "hub") -> list[LabelledFlight]:
         """Return every flight from `skip` [s] on as what a model is trained on; stream: "hub" or "imu100"."""
-        out = []
+        out, step = [], self.bench.speed_step
         for j, plan in enumerate(self.plans):
-            speeds = self.speed[round(skip / SPEED_STEP) :, :, j]
+            speeds = self.speed[round(skip / step) :: round(SPEED_STEP / step), :, j]
             if stream == "imu100":
                 six = self.imu[round(skip / IMU_MEAN) :: 2, :, j]
                 signals, booms = dict(zip(IMU, six.T, strict=True)), None

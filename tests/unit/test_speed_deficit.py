@@ -135,6 +135,15 @@ def test_the_onset_tells_the_pair_apart_or_nobody_does() -> None:
     assert already.named is None
 
 
+def test_an_onset_seen_by_one_speed_a_block_names_nobody() -> None:
+    """At 10 Hz the controller has answered by the first sample after it: either of the pair may have dropped more."""
+    for seed in range(6):
+        stream = flown(6, seed, 0.3, seed=seed, seconds=17.0)
+        seldom = [stream[0], *stream[1::2]]
+        speeds = trained(seldom)
+        assert speeds.named is None
+
+
 def test_on_the_ground_nothing_is_learned() -> None:
     estimator = PooledArEstimator(airframe(6), PooledArConfig())
     estimator.feed(FlightReading(0.0, True, True))
