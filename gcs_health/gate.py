@@ -33,12 +33,18 @@ class Closed(StrEnum):
     EFFECTIVENESS_UNKNOWN = "effectiveness_unknown"
 
 
+PASSING = (Closed.CONTACT, Closed.ROTORS_BELOW_HOVER)  # what a manoeuvre may do for a moment
+
+
 @dataclass(frozen=True, slots=True)
 class GateConfig:
     """Thresholds of the gate, sheet 5 section 3."""
 
     open_after: float = 0.5  # s without any reason to be closed
     verdict_after: float = 0.5  # s after the opening
+    gust: float = 0.1  # s; a push or slow rotors so short, after
+    gust_before: float = 0.5  # s of verdicts, are no landing: then there is but
+    gust_after: float = 0.1  # s of either wait; this project
     low_rotor: float = 0.45  # of hover speed
     low_rotor_time: float = 0.06  # s
     low_mean: float = 0.5  # of hover speed
@@ -65,6 +71,8 @@ class FlightGate:
     verdicts : open long enough, and no contact in the last 0.1 s.
     reason : why not, the first that applies; None while verdicts may be given.
     since_open : seconds since the gate opened; 0 while closed.
+    after_gust : it was closed for a moment in the midst of flight: what was learned before still holds.
+    teaches : open, and as long without a reason to be closed as the usual wait.
     excess_sigma : usual size of e [m/s²].
     mean_speed : of all rotors at the last tick [rad/s].
     """
@@ -80,6 +88,9 @@ class FlightGate:
         self.mean_speed = 0.0
         self._clear_since = math.nan
         self._opened_at = math.nan
+        self._pushed_at = math.nan  # when a push closed it in the midst of flight
+        self.after_gust = False
+        self.teaches = False
         self._low_since = [math.nan] * rotors
         self._turning = False  # no rotor was slow at the last tick
         self._recent: deque[tuple[float, float, float]] = deque()  # t, mean speed, e
@@ -127,6 +138,9 @@ class FlightGate:
         if reason is None:
             reason = self._pushed(t, recent)
         if reason is not None:
+            if self.open:
+                flew = self.since_open >= c.verdict_after + c.gust_before
+                self._pushed_at = t if flew and reason in PASSING else math.nan
             self.close(reason)
         else:
             self._go_on(t)
@@ -134,14 +148,15 @@ class FlightGate:
         if not self.open:
             self.verdicts = False
             return False
-        settled, free = self.since_open >= c.verdict_after, t - self._contact_at >= c.contact_hold
+        wait = c.gust_after if self.after_gust else c.verdict_after
+        settled, free = self.since_open >= wait, t - self._contact_at >= c.contact_hold
         self.verdicts = settled and free
         self.reason = None if self.verdicts else Closed.CONTACT if settled else Closed.SETTLING
         return True
 
     def close(self, reason: Closed) -> None:
         """Close it at once; it opens again as usual."""
-        self.open = self.verdicts = False
+        self.open = self.verdicts = self.teaches = False
         self.reason = reason
         self.since_open = 0.0
         self._clear_since = math.nan
@@ -199,9 +214,13 @@ class FlightGate:
 
     def _go_on(self, t: float) -> None:
         """Open, or stay open: nothing speaks against it."""
+        c = self.config
         if not self._clear_since <= t:  # NaN: just became clear
             self._clear_since = t
-        if not self.open and t - self._clear_since >= self.config.open_after:
+            self.after_gust = t - self._pushed_at <= c.gust
+        clear = t - self._clear_since
+        self.teaches = clear >= c.open_after
+        if not self.open and clear >= (c.gust_after if self.after_gust else c.open_after):
             self.open = True
             self._opened_at = t
         self.since_open = t - self._opened_at if self.open else 0.0

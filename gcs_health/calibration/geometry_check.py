@@ -17,9 +17,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_health.calibration.control_effectiveness import MomentRegression
 
+Array = NDArray[np.float64]
 DETERMINED = 4  # rotors whose coefficients flight determines: roll, pitch, yaw and thrust
 
 
@@ -91,6 +93,29 @@ def fit_axis(regression: MomentRegression, row: int, gains: list[float], block: 
         f=free / (1.0 - free) * (samples - n) / n,
         samples=samples,
     )
+
+
+def exchange_cost(regression: MomentRegression, rows: tuple[list[float], list[float]], apart: float) -> Array:
+    """Return (n (n - 1) / 2,): log likelihood ratio of the geometry over it with each pair of seats exchanged.
+
+    Negative where the exchange explains the flight better. `rows` : roll and pitch gains (n,) as the geometry has
+    them, each fitted with a scale of its own. `apart` : time between independent samples [s].
+    """
+    n = regression.rotors
+    one, other = np.triu_indices(n, 1)
+    moments = regression.moments
+    A = moments[:n, :n]
+    cost = np.zeros(len(one))
+    for row, gains in enumerate(rows):
+        total = float(moments[n + row, n + row])
+        h = np.tile(gains, (len(one) + 1, 1))  # the last is the geometry itself
+        pairs = np.arange(len(one))
+        h[pairs, one], h[pairs, other] = h[pairs, other], h[pairs, one]
+        along, spread = np.maximum(h @ moments[:n, n + row], 0.0), np.einsum("pi,ij,pj->p", h, A, h)
+        if total > 0.0 and spread.min() > 0.0:
+            left = np.log(np.maximum(1.0 - along * along / spread / total, 1e-3))
+            cost += 0.5 * regression.time / apart * (left[:-1] - left[-1])
+    return cost
 
 
 def contradicted(fits: list[AxisFit], config: GeometryConfig) -> bool:

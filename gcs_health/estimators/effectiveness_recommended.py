@@ -184,8 +184,9 @@ class RecommendedBank:
         """No window, no block, no offset reaches across a closed gate."""
         if opened:
             squares = self.hover * self.hover
-            self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
-            self.noise.restart()
+            if not self.gate.after_gust:
+                self.noise.expect(max(self.gains.roll) * squares, max(self.gains.pitch) * squares)
+                self.noise.restart()
             self.slow.restart()
             self.partial.go_on(closed_for)
             self._push = push(speeds, self.gains)
@@ -244,7 +245,8 @@ class RecommendedBank:
             self._freeze.quiet(t)
             self._row = (-1, 0)
         self._final_row = self._row
-        self._next.add(step, tick, t > self._freeze.until)
+        if self.gate.teaches:
+            self._next.add(step, tick, t > self._freeze.until)
         if self._next.time >= self.config.lesson:
             fell = self._learn(t) or fell
         return fell
@@ -263,7 +265,7 @@ class RecommendedBank:
         t = step.t
         if t > self._newest_learned:
             self._newest_learned = t
-            if t > self._freeze.until and self.failed is None:
+            if t > self._freeze.until and self.failed is None and self.gate.teaches:
                 self._next.aged.append((position + 1, tick.e, step.dt, step.inflation))
         suspected = t <= self._freeze.until or self._in_bank == position > 0
         if not suspected and calm(tick, self._calm_limit):
@@ -375,7 +377,9 @@ class RecommendedBank:
         self._checked += lesson.length
         if self._checked >= c.check_every:
             self._checked = 0.0
-            return self.moments.check(self.track.interval, self.tick_length)
+            changed = self.moments.check(self.track.interval, self.tick_length)
+            self.bank.exchange_cost = self.moments.exchange_cost
+            return changed
         return False
 
     def _learn_noise(self, lesson: Lesson, calm: NDArray[np.bool_]) -> None:

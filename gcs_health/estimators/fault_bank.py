@@ -86,6 +86,8 @@ class FaultBank:
         # so many sigmas that the largest of L ticks of noise exceeds them once in twenty windows
         chance = [1.0 - 0.95 ** (1.0 / length) for length in range(1, config.max_ticks + 1)]
         self._knock_sigmas = [math.inf, *[NormalDist().inv_cdf(1.0 - p) for p in chance]]
+        # what the flight so far says against each pair of rotors being in each other's seats
+        self.exchange_cost: Array = np.zeros(rotors * (rotors - 1) // 2)
         self._table: Array = np.zeros((4 * config.max_ticks, 2 * rotors + 5))  # one row a tick, newest last
         self.clear()
 
@@ -224,7 +226,8 @@ class FaultBank:
             and self._lift_plausible(ticks, excess_sigma)
         )
         if passes and (self._doubt[0] or self._doubt[1]):  # the geometry has not been seen to be right either
-            second = max(second, exchange(self._ticks[-ticks:], c.model_error, 1.0 + c.gain_high))
+            window = self._ticks[-ticks:]
+            second = max(second, exchange(window, c.model_error, 1.0 + c.gain_high, self.exchange_cost))
             passes = top - second > c.lead
         std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
         return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)

@@ -21,6 +21,7 @@ class MomentLearning:
     ----------
     shift : the time to add to rotor speed stamps.
     contradicted : the rotors do not answer as the geometry says.
+    exchange_cost : (n (n - 1) / 2,) what the flight so far says against two rotors in each other's seats.
     """
 
     def __init__(self, gains: ControlEffectiveness, config: RecommendedConfig) -> None:
@@ -28,6 +29,7 @@ class MomentLearning:
         self.gains = gains
         self.shift = TimeShift(config.shift)
         self.contradicted = False
+        self.exchange_cost: Array = np.zeros(gains.rotors * (gains.rotors - 1) // 2)
         self._regression = MomentRegression(gains.rotors, config.prior)
         # what teaches where the rotors sit lags, lest a fault look like a wrong geometry
         self._late: deque[Lesson] = deque()
@@ -68,6 +70,8 @@ class MomentLearning:
                 regression.axis(0, self.gains.roll), regression.axis(1, self.gains.pitch), regression.time
             )
         fits = self._fits(interval, tick_length)
+        rows = self.gains.roll, self.gains.pitch
+        self.exchange_cost = geometry_check.exchange_cost(regression, rows, self.config.prior.apart)
         g = self.config.geometry
         if regression.time > g.strong_time and geometry_check.contradicted(fits, g):
             self._strikes += 1

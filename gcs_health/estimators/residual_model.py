@@ -138,11 +138,11 @@ def contributions(ticks: Sequence[Evidence], error: tuple[float, float]) -> Arra
     return out
 
 
-def exchange(ticks: Sequence[Evidence], error: tuple[float, float], most: float) -> float:
+def exchange(ticks: Sequence[Evidence], error: tuple[float, float], most: float, cost: Array) -> float:
     """Return the log likelihood ratio of "no rotor, but two sit in each other's seats" of the best pair.
 
     With seats i and j exchanged the residual is  m (g_j - g_i) (u_i - u_j),  g the seats' gains, m in 0 .. `most`
-    for gains that are not learned.
+    for gains that are not learned. `cost` (pairs,) : what the flight before says against each.
     """
     matrix, mean, _, r, weight = _parts(ticks, error)
     one, other = np.triu_indices(mean.shape[1], 1)
@@ -150,7 +150,7 @@ def exchange(ticks: Sequence[Evidence], error: tuple[float, float], most: float)
     N = np.add.reduce((r * weight)[:, :, None] * d, axis=(0, 1))
     D = np.add.reduce(weight[:, :, None] * (d * d), axis=(0, 1))
     m = np.minimum(np.maximum(N / (D + 1e-12), 0.0), most)
-    return float(np.maximum.reduce(m * (N - 0.5 * m * D)))
+    return float(np.maximum.reduce(m * (N - 0.5 * m * D) - cost))
 
 
 def _parts(ticks: Sequence[Evidence], error: tuple[float, float]) -> tuple[Array, Array, Array, Array, Array]:
