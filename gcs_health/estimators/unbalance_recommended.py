@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_health.airframe import Airframe, AirframeSource
 from gcs_health.estimators.amplitude_model import Array, ImuFilter
@@ -270,7 +271,7 @@ class RecommendedTracker:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
         largest = _largest(best)
         together = best.tangles(c.inseparable, c.entangled)
-        for group in (*together, abreast(verdict.rotor, largest, flown, c.abreast)):
+        for group in (*together, abreast(verdict.rotor, self._spins, largest, flown, c.abreast)):
             if verdict.rotor in group:
                 verdict = self._undecided(verdict, group)
         leak = NAN
@@ -331,16 +332,25 @@ def _largest(fit: Fit) -> tuple[int, ...]:
     return tuple(np.flatnonzero((s[b] - s) <= LARGEST_SIGMAS * spread).tolist())
 
 
-def abreast(rotor: int, largest: tuple[int, ...], flown: list[Stretch], near: float) -> tuple[int, ...]:
-    """Return the rotor and those that may as well be the largest and turn as fast, within `near` [rad/s] rms.
+def abreast(
+    rotor: int,
+    spins: NDArray[np.int_],
+    largest: tuple[int, ...],
+    flown: list[Stretch],
+    near: tuple[float, float],
+) -> tuple[int, ...]:
+    """Return the rotor and those whose lines are one peak with its own; empty if there are none.
 
-    Their lines are one peak: whose it is hangs on the errors of their speeds. Empty if there is no other.
+    Whose a peak is hangs on the errors of the speeds: a rotor of the same spin within the first of `near` [rad/s]
+    rms, or one that may as well be the largest within the second.
     """
     if rotor < 0:
         return ()
     speeds = np.array([stretch.speed for stretch in flown])
     apart = np.sqrt(((speeds - speeds[:, rotor, None]) ** 2).mean(axis=0))
-    group = tuple(other for other in largest if apart[other] < near)
+    one_peak = (apart < near[0]) & (spins == spins[rotor])
+    one_peak[list(largest)] |= apart[list(largest)] < near[1]
+    group = tuple(np.flatnonzero(one_peak).tolist())
     return group if len(group) > 1 else ()
 
 
