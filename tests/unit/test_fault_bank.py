@@ -174,6 +174,15 @@ def test_while_gains_are_not_learned_rotors_in_each_others_seats_name_nobody() -
     assert not judged(wrong).passes
 
 
+def test_an_exchange_that_the_flight_before_refuted_explains_nothing() -> None:
+    bank = FaultBank(ROTORS, 3, BankConfig())
+    for tick in exchanged(20, 0, 1, 0.03):
+        bank.add_final(tick, -1.0)
+    assert not judged(bank).passes
+    bank.exchange_cost = np.full(ROTORS * (ROTORS - 1) // 2, 1e6)
+    assert judged(bank).passes
+
+
 @pytest.mark.parametrize(("tick", "least"), [(0.004, 6), (0.008, 3), (0.01, 3), (0.02, 2), (0.04, 2)])
 def test_the_shortest_window_is_one_of_time_and_never_of_one_tick(tick: float, least: int) -> None:
     bank = FaultBank(ROTORS, 3, BankConfig())

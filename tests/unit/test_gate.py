@@ -86,6 +86,39 @@ def test_a_push_up_closes_it_and_a_short_knock_stops_verdicts_for_a_tenth_of_a_s
     assert gate.verdicts
 
 
+PUSHED = -2.5 * GRAVITY
+
+
+def test_after_a_gust_in_the_midst_of_flight_it_judges_at_once_and_teaches_as_ever() -> None:
+    gate, t = opened()
+    t = run(gate, 0.07, az=PUSHED, start=t)
+    assert not gate.open
+    t = run(gate, 0.25, start=t)
+    assert gate.after_gust
+    assert gate.verdicts
+    assert not gate.teaches
+    run(gate, 0.4, start=t)
+    assert gate.teaches
+
+
+@pytest.mark.parametrize(
+    ("flown", "push"),
+    [(1.2, 0.07), (2.0, 0.3)],
+    ids=["soon after the take-off", "longer than a gust: a touchdown"],
+)
+def test_a_push_that_may_be_the_ground_waits_as_usual(flown: float, push: float) -> None:
+    gate = FlightGate(4)
+    t = run(gate, flown)
+    assert gate.verdicts
+    t = run(gate, push, az=PUSHED, start=t)
+    assert not gate.open
+    t = run(gate, 0.9, start=t)
+    assert not gate.after_gust
+    assert not gate.verdicts
+    run(gate, 0.3, start=t)
+    assert gate.verdicts
+
+
 def test_stale_rotor_speeds_and_imu_gaps_close_it() -> None:
     gate, t = opened()
     run(gate, 0.008, start=t, age=0.09)
