@@ -271,7 +271,7 @@ def identify(args: argparse.Namespace) -> None:
         Cell("10 Hz averaged, battery side", replace(AVERAGED, gain=0.0, side="battery"), plain),
         Cell("10 Hz snapshots", Telemetry(10.0, gain=0.0), plain),
     )
-    for cell in cells:
+    for cell in [one for one in cells if not args.cells or one.name in args.cells]:
         right, wrong, ratios = 0, 0, []
         for bench in batches(args.flights, args.seed, Trouble(), duration=args.duration):
             for flight in range(len(bench.seeds)):
@@ -338,7 +338,7 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=50, help="a row; a quarter at 500 Hz")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--duration", type=float, default=60.0, help="of a flight [s]")
-    parser.add_argument("--cells", nargs="*", help="rows of the tables of delays and thresholds")
+    parser.add_argument("--cells", nargs="*", help="rows of a table")
     parser.add_argument("--verbose", action="store_true", help="name every false alarm")
     args = parser.parse_args()
     campaigns = {"delays": delays, "curve": curve, "slow": slow, "identify": identify, "cost": cost}
