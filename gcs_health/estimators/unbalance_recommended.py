@@ -271,7 +271,10 @@ class RecommendedTracker:
             verdict = self._undecided(verdict, tuple(range(len(best.s))))
         largest = _largest(best)
         together = best.tangles(c.inseparable, c.entangled)
-        for group in (*together, abreast(verdict.rotor, self._spins, largest, flown, c.abreast)):
+        groups = together
+        if verdict.alone <= c.abreast_error * verdict.present:
+            groups = (*together, abreast(verdict.rotor, self._spins, largest, flown, c.abreast))
+        for group in groups:
             if verdict.rotor in group:
                 verdict = self._undecided(verdict, group)
         leak = NAN
