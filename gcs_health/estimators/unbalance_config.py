@@ -89,7 +89,7 @@ class RecommendedConfig:
     flip_after: int = 4  # successive solutions that must say so; this project
     sign_sigmas: float = 4.0  # of the largest s, to look at the sign at all; this project
     one_speed: float = 2.0  # rad/s; rotors of both spins this near tell nothing of the sign; this project
-    # rad/s rms; rotors of one spin within the first, and such as may both be the largest within the second, share a peak:
+    # rad/s rms; rotors of one spin within the first, such as may both be the largest within the second, share a peak:
     abreast: tuple[float, float] = (3.2, 4.4)
     abreast_error: float = 0.5  # then this much of what shows the damage is no proof either; this project
     inseparable: float = 0.003  # smallest eigenvalue of the normalised Gram matrix
