@@ -46,6 +46,8 @@ class BankConfig:
     # more theta for each of the gains' standard deviations, while they are learned, of a rotor slowed below `kept`:
     doubted: float = 0.3  # an order looks like a loss through wrong gains; this project
     kept: float = 0.97  # of its speed at the window's beginning
+    # a smaller loss is not named where exchanged seats explain it, though the flight before refuted them: what looks
+    whole: float = 0.75  # like both is most often an error of the model; this project
     shape_share: float = 0.6
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
@@ -226,8 +228,9 @@ class FaultBank:
             and self._lift_plausible(ticks, excess_sigma)
         )
         if passes and (self._doubt[0] or self._doubt[1]):  # the geometry has not been seen to be right either
-            window = self._ticks[-ticks:]
-            second = max(second, exchange(window, c.model_error, 1.0 + c.gain_high, self.exchange_cost))
+            window, most = self._ticks[-ticks:], 1.0 + c.gain_high
+            cost = self.exchange_cost if loss >= c.whole else np.zeros_like(self.exchange_cost)
+            second = max(second, exchange(window, c.model_error, most, cost))
             passes = top - second > c.lead
         std = 1.0 / math.sqrt(float(D[row, rotor]) + 1e-12)
         return Verdict(rotor, top, top - second, loss, std, share, chi2, ticks, passes)
