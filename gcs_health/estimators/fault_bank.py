@@ -47,7 +47,7 @@ class BankConfig:
     doubted: float = 0.3  # an order looks like a loss through wrong gains; this project
     kept: float = 0.97  # of its speed at the window's beginning
     # a smaller loss is not named where exchanged seats explain it, though the flight before refuted them: what looks
-    whole: float = 0.75  # like both is most often an error of the model; this project
+    whole: float = 0.6  # like both is most often an error of the model; this project
     shape_share: float = 0.6
     shape_chi2: float = 2.5
     excess_sigmas: float = 1.0  # of the mean upward excess of the window; a loss only removes lift
