@@ -3,7 +3,8 @@
     g_i = W_i / u_i, learned in flight with a memory of 5 s; held against the median of all g_i / learned, so that a
     sagging battery is no fault
     slow: W_i below half of what the least command of the last 0.3 s gives, for 0.2 s; without current below .8 of
-    it, in two readings 0.06 s apart, if a command between bids it still: before a controller that gives it up cuts it
+    it, in two readings 0.06 s apart, if a command between bids it still, and does not fall: before a controller that
+    gives it up cuts it
 
 Least command, because commands come late and seldom: a speed that lags behind a jump is well. A rotor that brakes
 passes through no current, and its order to slow down may not have come yet. Under current it is
@@ -111,7 +112,9 @@ class Commanded:
             return None
         if self._slow_since[k] != self._slow_since[k]:
             self._slow_since[k] = t
-        if t - self._slow_since[k] < hold or (undriven and not self._commands[-1].t > self._slow_since[k]):
+        last = self._commands[-1]
+        bidden = last.t > self._slow_since[k] and last.command[k] >= UNDRIVEN * self._usual[k]
+        if t - self._slow_since[k] < hold or (undriven and not bidden):
             return None
         stands = self._speed[k] < STANDS * wanted
         stopped = stuck = BOUND

@@ -84,6 +84,26 @@ def test_a_rotor_that_brakes_through_no_current_is_not_stopped_before_its_order_
     assert bool(said) is told
 
 
+@pytest.mark.parametrize(
+    ("orders", "told"), [((0.44, 0.29), False), ((0.5, 0.5), True)], ids=["down", "kept"]
+)
+def test_a_rotor_whose_command_falls_from_one_to_the_next_is_not_stopped(
+    orders: tuple[float, float], told: bool
+) -> None:
+    """Speeds and commands at 10 Hz: it runs ahead of the commands that are heard, through no current."""
+    commanded = Commanded(4)
+    said: list[Evidence] = []
+    for k in range(32):
+        t = 0.1 * k
+        own = 0.5 if k < 30 else orders[k - 30]
+        commanded.command(CommandReading(t - 0.09, (0.5, 0.5, own, 0.5)))
+        speed = SPEED if k < 30 else (0.65, 0.4)[k - 30] * SPEED
+        said += commanded.rotors(reading(t, speed, CURRENT if k < 30 else 0.1), True)
+    commanded.command(CommandReading(3.11, (0.5, 0.5, orders[1], 0.5)))
+    said += commanded.rotors(reading(3.2, 0.38 * SPEED, 0.1), True)
+    assert bool(said) is told
+
+
 def test_a_command_that_falls_for_all_rotors_makes_none_of_them_slow() -> None:
     commanded = Commanded(4)
     said: list[Evidence] = []
