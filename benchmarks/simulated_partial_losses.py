@@ -1,6 +1,6 @@
 """Partial losses in simulated flight: the rotor named, how much, how soon, and what healthy flight shows.
 
-    python benchmarks/simulated_partial_losses.py --flights 100 --healthy 120 --seed 43000
+    python benchmarks/simulated_partial_losses.py --flights 100 --healthy 62 --seed 43000
 
 The flights of `simulated_flights.py`, in which a rotor loses a part of its own thrust: hovering in still air and in a
 wind of 8 m/s, and flying aggressively in one of 4 m/s, both with light turbulence. Gains are learned in flight.

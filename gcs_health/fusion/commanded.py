@@ -23,7 +23,7 @@ MEMORY, LEARN = 5.0, 2.0  # s, of the gains; and s of flight until they are beli
 EARLY = 10.0  # s of flight: against what they are then a sag is told
 WINDOW, HOLD, HOLD_UNDRIVEN, STALE = 0.3, 0.2, 0.06, 0.5  # s
 SLOW, UNDRIVEN, STANDS = 0.5, 0.8, 0.05  # of the speed that the command gives
-OFF = 0.1  # of the usual command: an order to stand
+OFF, BIDDEN = 0.1, 0.8  # of the usual command: an order to stand; one that shows that it should turn
 UNDER_CURRENT, NO_CURRENT = 0.5, 0.15  # of the usual current
 LEAST = 0.02  # command
 LASTS = 1.0  # s
@@ -113,7 +113,7 @@ class Commanded:
         if self._slow_since[k] != self._slow_since[k]:
             self._slow_since[k] = t
         last = self._commands[-1]
-        bidden = last.t > self._slow_since[k] and last.command[k] >= UNDRIVEN * self._usual[k]
+        bidden = last.t > self._slow_since[k] and last.command[k] >= BIDDEN * self._usual[k]
         if t - self._slow_since[k] < hold or (undriven and not bidden):
             return None
         stands = self._speed[k] < STANDS * wanted
