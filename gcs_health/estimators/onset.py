@@ -37,7 +37,7 @@ class Onset:
         self._count = 0
 
     def feed(self, shares: Array, e: Array, heard: float) -> None:
-        """Take one block's speeds over their mean, e with its healthy part removed, and how many speeds a block has."""
+        """Take a block's speeds over their mean, e with its healthy part removed, and how many speeds a block has."""
         explained = np.where(e < 0.0, e * e / np.maximum(self.own, 1e-3), 0.0)
         worst = int(explained.argmax())
         drop = float(max(-e[worst] / max(self.own[worst], 1e-3), 0.0))
